@@ -9,6 +9,7 @@ from scipy.spatial.transform import Rotation
 from posefuse.core import SKELETONS, ConfigError
 from posefuse_sim.body import JOINTS, SEGMENTS, BodyShapeSettings, SimulatedBody, build_body, rotation_of
 from posefuse_sim.body.anatomy import angles_of, joint_segments
+from posefuse_sim.body.body import GROUPS
 
 pytest.importorskip("anny", reason="the extra 'sim' is not installed")
 KEYPOINTS = SKELETONS["anatomical23"]
@@ -119,8 +120,8 @@ def test_stands_on_the_floor_facing_x(body: SimulatedBody) -> None:
 
 def test_skin_weights_and_colours(body: SimulatedBody) -> None:
     assert np.allclose(body.bone_weight.sum(axis=1), 1.0)
-    assert (np.bincount(body.colour_group, minlength=len(body.colour_names)) > 100).all()
-    assert body.colours.shape == (len(body.colour_names), 3)
+    assert (np.bincount(body.colour_group, minlength=len(GROUPS)) > 100).all()
+    assert body.colours.shape == (len(GROUPS), 3)
 
 
 @pytest.mark.parametrize("joint", JOINTS)

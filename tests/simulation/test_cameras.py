@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from posefuse.core import ConfigError
+from posefuse_sim.build import shots_of
 from posefuse_sim.cameras import (
     CameraOverride,
     ImageSettings,
@@ -13,8 +14,8 @@ from posefuse_sim.cameras import (
     SensorSettings,
     placed_cameras,
     rig_from_cameras,
-    shots_of,
 )
+from posefuse_sim.scene import Scene
 
 
 def _rig(settings):
@@ -92,7 +93,10 @@ def test_impossible_cameras_are_refused(settings, message):
 
 
 def _shots(seed=3, index=1, rate_hz=25.0, start_s=2.0, duration_s=40.0, **sensor):
-    return shots_of("left", index, SensorSettings(**sensor), rate_hz=rate_hz, start_s=start_s, duration_s=duration_s, seed=seed)
+    camera = PlacedCamera(name="left", position_m=(3.0, 0.0, 1.0), sensor=SensorSettings(**sensor))
+    listed = ListedCameras(kind="list", cameras=(camera,))
+    scene = Scene(duration_s=duration_s, start_s=start_s, rate_hz=rate_hz, seed=seed, cameras=listed)
+    return shots_of(scene, index, camera)
 
 
 def test_a_perfect_camera_keeps_the_nominal_times():

@@ -20,7 +20,7 @@ def read_person(written, gazebo_reader):
 
 def test_gazebo_finds_the_bones_where_the_truth_has_them(written, read_person):
     facts, poses, _ = read_person
-    body = written.live.bodies[0]
+    body = written.live.people[0].body
     truth = written.live.bones(TIMES_S)[0]
     by_name = {name.translate({ord("."): "_", ord("-"): "_"}): b for b, name in enumerate(body.bone_names)}
     assert facts["root"] == "root" and facts["joints"] == len(poses[0]) > 25
@@ -38,7 +38,7 @@ def test_gazebo_finds_the_bones_where_the_truth_has_them(written, read_person):
 
 def test_gazebo_finds_the_skin_where_our_renderer_draws_it(written, read_person):
     *_, skin = read_person
-    expected = written.live.bodies[0].vertices(written.live.bones(TIMES_S[-1:])[0])[0]
+    expected = written.live.people[0].body.vertices(written.live.bones(TIMES_S[-1:])[0])[0]
     apart_m, nearest = cKDTree(np.array(skin)).query(expected)
     # a vertex is attached to its four strongest joints only, ours on up to nine: few toes and armpits differ
     assert np.median(apart_m) < 0.1 * MM and np.quantile(apart_m, 0.99) < 1 * MM and apart_m.max() < 10 * MM
@@ -47,7 +47,7 @@ def test_gazebo_finds_the_skin_where_our_renderer_draws_it(written, read_person)
 
 def test_nothing_of_the_motion_is_outside_the_box_that_culls_it(written, read_person):
     facts, *_ = read_person
-    skin = written.live.bodies[0].vertices(written.live.bones(np.linspace(0, 1, 20))[0])
+    skin = written.live.people[0].body.vertices(written.live.bones(np.linspace(0, 1, 20))[0])
     assert (skin.min(axis=(0, 1)) > facts["min"]).all() and (skin.max(axis=(0, 1)) < facts["max"]).all()
 
 
@@ -70,7 +70,7 @@ def test_gazebo_finds_a_waved_cube_and_its_picture(written, gazebo_reader):
 
 def test_a_second_reader_agrees(written):
     collada = pytest.importorskip("collada", reason="pycollada is not installed")
-    body = written.live.bodies[0]
+    body = written.live.people[0].body
     read = collada.Collada(str(written.world.folder / "meshes" / "person0.dae"))
     assert read.assetInfo.upaxis == "Z_UP" and read.assetInfo.unitmeter == 1
     (geometry,) = read.geometries
@@ -106,12 +106,15 @@ def test_keys_are_denser_where_the_motion_is_sharper():
         pose[:, 0, 2, 3] = 5 * np.maximum(0.04 - np.abs(t_s - 0.52), 0)
         return pose
 
-    keys = baked(poses, np.array([-1]), 1.0, 20, 0.0005)
-    gaps = np.diff(keys.t_s)
+    t_s, world = baked(poses, np.array([-1]), 1.0, 20)
+    gaps = np.diff(t_s)
     assert gaps.max() == pytest.approx(0.05, abs=1e-4) and gaps.min() < 0.002
-    assert keys.between_keys_m <= 0.0005
+    # the last key is a little later, see `baked`
+    ends_s = np.append(t_s[:-1], 1.0)
+    off = halfway(world, np.array([-1])) - poses((ends_s[1:] + ends_s[:-1]) / 2)
+    assert np.linalg.norm(off[..., :3, 3], axis=-1).max() <= 0.0005
     with pytest.raises(ConfigError, match=r"the motion jumps at 0\.4"):
-        baked(lambda t_s: poses(t_s) * np.where(t_s < 0.47, 1, 2)[:, None, None, None], np.array([-1]), 1.0, 20, 0.0005)
+        baked(lambda t_s: poses(t_s) * np.where(t_s < 0.47, 1, 2)[:, None, None, None], np.array([-1]), 1.0, 20)
 
 
 def test_halfway_is_half_the_turn_of_each_joint_in_its_parent():

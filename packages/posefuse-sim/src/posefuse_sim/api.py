@@ -47,10 +47,9 @@ def simulate(
     from posefuse.foundation.places import check_outside_inputs
     from posefuse_sim import read_scene
     from posefuse_sim import simulate as render
-    from posefuse_sim.scene import motion_files
 
     chosen, place = read_scene(Path(scene)), Path(out)
-    check_outside_inputs(place, (Path(scene), *motion_files(chosen)))
+    check_outside_inputs(place, (Path(scene),))
     try:
         with shown(progress) as report:
             steps = lambda done, total: report("rendering", done, total)  # noqa: E731
@@ -86,10 +85,9 @@ def gazebo_world(scene: str | Path, out: str | Path, *, release: str = "harmonic
     from posefuse.foundation.places import check_outside_inputs
     from posefuse_sim import read_scene
     from posefuse_sim.gazebo import export_world
-    from posefuse_sim.scene import motion_files
 
     chosen = read_scene(Path(scene))
-    check_outside_inputs(Path(out), (Path(scene), *motion_files(chosen)))
+    check_outside_inputs(Path(out), (Path(scene),))
     return export_world(chosen, Path(out), release=release, replace_older=replace)
 
 
@@ -117,11 +115,10 @@ def plan(scene: Scene | str | Path, *, area_m: tuple[float, float] | None = None
         True
     """
     from posefuse_sim.build import room_size
-    from posefuse_sim.cameras import placed_cameras, rig_from_cameras
-    from posefuse_sim.rig_plan import plan_rig
+    from posefuse_sim.rig_plan import plan_rig, rig_of_scene
     from posefuse_sim.scene import read_scene
     from posefuse_sim.surroundings import boxes_of
 
     chosen = read_scene(Path(scene)) if isinstance(scene, str | Path) else scene
-    rig = rig_from_cameras(placed_cameras(chosen.cameras))
+    rig = rig_of_scene(chosen)
     return plan_rig(rig, area_m or room_size(chosen, rig), step_m=step_m, boxes=boxes_of(chosen.occluders, chosen.seed))

@@ -11,18 +11,18 @@ from typing import Any
 import numpy as np
 
 from posefuse.core import SE3, ConfigError, Rig
-from posefuse.core.arrays import Array
+from posefuse.core.arrays import Array, freeze_fields
 from posefuse.core.skeleton import ANATOMICAL23
 
 from .body import SimulatedBody, build_body
-from .cameras import PlacedCamera, Shots, placed_cameras, rig_from_cameras, shots_of
+from .cameras import PlacedCamera, placed_cameras, rig_from_cameras
 from .motion.gait import walking
 from .motion.posture import BodyPosture, bones_of
 from .motion.recorded import from_result, from_trc, retargeted
 from .motion.routes import route
 from .motion.settings import MotionSettings, StandSettings, WalkSettings
 from .motion.standing import standing_motion
-from .props import CarriedPath, Prop, poses_in_hand, poses_on_path, prop_from_settings
+from .props import CarriedPath, Prop, poses_on_path, prop_from_settings
 from .scene import Scene, check_scene
 from .surroundings import Box, boxes_of
 
@@ -34,6 +34,73 @@ _CHECK_STEP_S = 0.1
 _BEYOND_WRIST_M = 0.18
 
 
+# keeps frames in order however strong the jitter
+_JITTER_LIMIT_PERIODS = 0.45
+_PURPOSE = {"jitter": 1, "stamp": 2, "drop": 3}
+
+
+@dataclass(frozen=True, eq=False)
+class Shots:
+    """The frames one camera delivers.
+
+    Attributes:
+        camera: its name.
+        seq: (F,) running number of each frame, gaps where frames were lost.
+        t_ns: (F,) true mid-exposure (of the middle row) on the session clock.
+        stamp_ns: (F,) the same moment as the camera's own clock has it.
+    """
+
+    camera: str
+    seq: Array
+    t_ns: Array
+    stamp_ns: Array
+
+    def __post_init__(self) -> None:
+        freeze_fields(self, dict.fromkeys(("seq", "t_ns", "stamp_ns"), np.int64))
+
+    def __len__(self) -> int:
+        return len(self.t_ns)
+
+
+def shots_of(scene: Scene, index: int, camera: PlacedCamera) -> Shots:
+    """Frames of camera number `index` from the start to the end of a scene, the same for the same seed.
+
+    Raises:
+        ConfigError: no frame is left, or the camera's clock would show negative times.
+    """
+    sensor, start_s, seed = camera.sensor, scene.start_s, scene.seed
+    rate_hz = sensor.rate_hz or scene.rate_hz
+    # the camera counts its own seconds
+    period_s = 1 / rate_hz / (1 + sensor.drift_ppm * 1e-6)
+    count = max(0, int(np.ceil((scene.duration_s - sensor.phase_s) / period_s - 1e-9)))
+    seq = np.arange(count)
+    jitter_s = sensor.jitter_s * _rng(seed, "jitter", index).standard_normal(count)
+    jitter_s = np.clip(jitter_s, -_JITTER_LIMIT_PERIODS * period_s, _JITTER_LIMIT_PERIODS * period_s)
+    # nothing is exposed before the scene begins
+    t_s = np.maximum(start_s + sensor.phase_s + seq * period_s + jitter_s, start_s)
+    noise_s = sensor.stamp_noise_s * _rng(seed, "stamp", index).standard_normal(count)
+    stamp_s = sensor.offset_s + t_s * (1 + sensor.drift_ppm * 1e-6) + noise_s
+    kept = _rng(seed, "drop", index).random(count) >= sensor.drop_fraction
+    if not kept.any():
+        raise ConfigError(
+            f"camera {camera.name}: no frame is left between {start_s} s and {start_s + scene.duration_s} s; "
+            "make duration_s longer, phase_s or drop_fraction smaller"
+        )
+    stamp_ns = np.round(stamp_s[kept] * 1e9).astype(np.int64)
+    if stamp_ns[0] < 0:
+        raise ConfigError(
+            f"camera {camera.name}: its clock starts at {stamp_ns[0] / 1e9:.3f} s, and a video has no times before 0; "
+            f"set start_s to at least {start_s - stamp_ns.min() / 1e9:.3f}"
+        )
+    if (np.diff(stamp_ns) <= 0).any():
+        raise ConfigError(f"camera {camera.name}: stamp_noise_s {sensor.stamp_noise_s} puts frames out of order; make it smaller")
+    return Shots(camera.name, seq[kept], np.round(t_s[kept] * 1e9), stamp_ns)
+
+
+def _rng(seed: int, purpose: str, index: int) -> np.random.Generator:
+    return np.random.default_rng([seed, _PURPOSE[purpose], index])
+
+
 @dataclass(frozen=True, eq=False, kw_only=True)
 class LiveScene:
     """What a scene file stands for. Times of all questions are seconds of session time.
@@ -41,7 +108,7 @@ class LiveScene:
     Attributes:
         scene: the settings. room_size_m: (x, y) of the floor.
         placed: cameras as set. rig: the exact cameras. shots: what each exposes when, in the order of the rig.
-        bodies, people: N of each. boxes: occluders. props: P calibration objects.
+        people: N. boxes: occluders. props: P calibration objects.
     """
 
     scene: Scene
@@ -49,7 +116,6 @@ class LiveScene:
     placed: tuple[PlacedCamera, ...]
     rig: Rig
     shots: tuple[Shots, ...]
-    bodies: tuple[SimulatedBody, ...]
     people: tuple[MovingPerson, ...]
     boxes: tuple[Box, ...]
     props: tuple[Prop, ...]
@@ -78,9 +144,10 @@ class LiveScene:
         since_start = self._since_start(t_s)
         if not isinstance(prop.path, CarriedPath):
             return poses_on_path(prop.path, since_start, self.scene.seed * 1000 + i)
-        body, person = self.bodies[prop.path.person], self.people[prop.path.person]
-        hand, bone_from_prop = _grip(body, prop.path)
-        return poses_in_hand(person.at(since_start).world_from_bone, hand, bone_from_prop)
+        person = self.people[prop.path.person]
+        hand, bone_from_prop = _grip(person.body, prop.path)
+        bone = person.at(since_start).world_from_bone[:, hand]
+        return SE3.from_matrix(bone[:, :3, :3], bone[:, :3, 3]) @ bone_from_prop
 
     def _since_start(self, t_s: Array) -> Array:
         return np.asarray(t_s, np.float64) - self.scene.start_s
@@ -95,22 +162,9 @@ def live_scene(scene: Scene) -> LiveScene:
     check_scene(scene)
     placed = placed_cameras(scene.cameras)
     rig = rig_from_cameras(placed)
-    shots = tuple(
-        shots_of(
-            camera.name,
-            i,
-            camera.sensor,
-            rate_hz=scene.rate_hz,
-            start_s=scene.start_s,
-            duration_s=scene.duration_s,
-            seed=scene.seed,
-        )
-        for i, camera in enumerate(placed)
-    )
-    bodies = tuple(_body(person.body) for person in scene.people)
+    shots = tuple(shots_of(scene, i, camera) for i, camera in enumerate(placed))
     people = tuple(
-        build_person(body, person.motion, scene.seed * 1000 + i)
-        for i, (body, person) in enumerate(zip(bodies, scene.people, strict=True))
+        build_person(_body(person.body), person.motion, scene.seed * 1000 + i) for i, person in enumerate(scene.people)
     )
     live = LiveScene(
         scene=scene,
@@ -118,7 +172,6 @@ def live_scene(scene: Scene) -> LiveScene:
         placed=placed,
         rig=rig,
         shots=shots,
-        bodies=bodies,
         people=people,
         boxes=boxes_of(scene.occluders, scene.seed),
         props=tuple(prop_from_settings(prop) for prop in scene.props),

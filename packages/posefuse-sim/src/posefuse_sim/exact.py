@@ -30,13 +30,11 @@ class SeenPoints:
     Attributes:
         xyz_world: (F, Q, 3) where each is when its row is exposed. xy_img: (F, Q, 2) raw px, NaN behind the camera.
         possible: (F, Q) in the image and, for printed points, on a side that faces the camera.
-        people_world: (F, N, 23, 3) keypoints at mid-exposure.
     """
 
     xyz_world: Array
     xy_img: Array
     possible: Array
-    people_world: Array
 
 
 def truth_of(scene: Scene) -> Truth:
@@ -80,7 +78,6 @@ def seen_points(live: LiveScene, camera_index: int, frames: slice) -> SeenPoints
     """All points as camera number `camera_index` exposes the given ones of its frames."""
     camera = live.rig.cameras[camera_index]
     t_s = live.shots[camera_index].t_ns[frames] / 1e9
-    people_world = live.keypoints(t_s)
     xyz_world, normals = _all_points(live, t_s)
     if camera.readout_s:
         half = camera.readout_s / 2
@@ -89,7 +86,7 @@ def seen_points(live: LiveScene, camera_index: int, frames: slice) -> SeenPoints
     xy_img = camera.project(xyz_world)
     facing = ((camera.centre_world - xyz_world) * normals).sum(-1) > 0
     free = ~np.isfinite(normals[..., 0])
-    return SeenPoints(xyz_world, xy_img, in_image(camera, xy_img) & (facing | free), people_world)
+    return SeenPoints(xyz_world, xy_img, in_image(camera, xy_img) & (facing | free))
 
 
 def flesh_of_points(live: LiveScene) -> Array:
@@ -102,7 +99,8 @@ def visible_by_shapes(live: LiveScene, camera_index: int, frames: slice) -> Arra
     """(F, Q) visibility of all points by geometry alone."""
     seen = seen_points(live, camera_index, frames)
     eye = live.rig.cameras[camera_index].centre_world
-    return seen.possible & ~hidden_by_shapes(eye, seen.xyz_world, flesh_of_points(live), live.boxes, seen.people_world)
+    people_world = live.keypoints(live.shots[camera_index].t_ns[frames] / 1e9)
+    return seen.possible & ~hidden_by_shapes(eye, seen.xyz_world, flesh_of_points(live), live.boxes, people_world)
 
 
 def prop_truth(live: LiveScene, visible: list[Array]) -> dict[str, Array]:

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from posefuse.api.arguments import lines_of
 from posefuse.core import InputError, Progress
 from posefuse.detection.build import DetectorChoice
 from posefuse.detection.card import OnnxCard, read_card
@@ -76,7 +77,7 @@ def fit_card(card_file: Path, scenes_in: Path, *, scenes: int, moving: int, devi
     Raises:
         PosefuseError: a card or network that is not right, or a network that finds no person.
     """
-    note = lambda line: progress("scenes", 0, None, line)  # noqa: E731
+    note = lines_of(progress, "scenes")
     card = read_card(card_file, OnnxCard)
     detector = OnnxConfig(card=str(card_file), device=device).build()
     everyday = render_everyday(scenes_in / EVERYDAY, scenes, note)

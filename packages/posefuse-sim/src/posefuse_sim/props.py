@@ -14,9 +14,8 @@ from annotated_types import Ge, Gt
 from pydantic import Field
 
 from posefuse.core import SE3, ConfigError
-from posefuse.core.arrays import Array, frozen
+from posefuse.core.arrays import Array, freeze_fields
 from posefuse.core.errors import choices
-from posefuse.core.se3 import wxyz_from_matrix
 from posefuse.foundation.settings import settings
 
 Point = tuple[float, float, float]
@@ -113,16 +112,10 @@ def _turned(yaw_pitch_roll: Array, xyz: Array) -> SE3:
     return yaw @ pitch @ roll
 
 
-def poses_in_hand(world_from_bone: Array, hand: int, bone_from_prop: SE3) -> SE3:
-    """World poses (T,) of a thing fixed to bone number `hand` of (T, B, 4, 4) bone poses."""
-    bone = world_from_bone[:, hand]
-    return SE3(wxyz_from_matrix(bone[:, :3, :3]), bone[:, :3, 3]) @ SE3(
-        np.broadcast_to(bone_from_prop.wxyz, (len(bone), 4)), np.broadcast_to(bone_from_prop.xyz, (len(bone), 3))
-    )
-
-
 _FACE_PX = 512
 _PLATE_M = 0.004
+# of the faces of a box, the side of a plate that is printed
+_PRINTED = 4
 # white border around the squares of a board
 _MARGIN_M = 0.02
 _PAPER_WHITE = 235
@@ -139,6 +132,12 @@ _CUBE_FACES = np.array(
     ],
     dtype=np.float64,
 )
+# corners of a face to its right and up: top left first, then clockwise as seen from outside; and in its image, whose y is down
+_SQUARE = np.array([[-1, 1], [1, 1], [1, -1], [-1, -1]])
+_SQUARE_UV = _SQUARE * [1, -1]
+# (6, 4, 3) corners of the faces of a box, in half edges, and the triangles of all faces
+_BOX = _CUBE_FACES[:, :1] + _SQUARE @ _CUBE_FACES[:, 1:]
+_BOX_TRIANGLES = (4 * np.arange(6)[:, None, None] + [[0, 2, 1], [0, 3, 2]]).reshape(-1, 3)
 
 
 @settings
@@ -224,10 +223,8 @@ class Prop:
     path: Path
 
     def __post_init__(self) -> None:
-        for name, dtype in (("marker_id", np.int64), ("faces", np.int32), ("texture", np.uint8)):
-            object.__setattr__(self, name, frozen(getattr(self, name), dtype, f"Prop.{name}"))
-        for name in ("corners_prop", "chess_prop", "vertices", "uv"):
-            object.__setattr__(self, name, frozen(getattr(self, name), np.float64, f"Prop.{name}"))
+        dtypes = {"marker_id": np.int64, "faces": np.int32, "texture": np.uint8}
+        freeze_fields(self, dtypes | dict.fromkeys(("corners_prop", "chess_prop", "vertices", "uv"), np.float64))
 
     @property
     def points_prop(self) -> Array:
@@ -252,28 +249,24 @@ def prop_from_settings(prop: ArucoCube | CharucoBoard | GroundTile) -> Prop:
         raise ConfigError(f"prop {prop.name}: marker_m {prop.marker_m} leaves no white border inside side_m {prop.side_m}")
     if isinstance(prop, GroundTile):
         picture, half_uv = _marker_face(prop.name, prop.dictionary, prop.id, prop.side_m / prop.marker_m)
-        vertices, uv, faces = _plate(prop.side_m, prop.side_m, half_uv)
-        corners = _square(prop.marker_m / 2, np.array([0, 0, _PLATE_M / 2]), np.eye(3)[0], np.eye(3)[1])
-        return _made(prop, np.array([prop.id]), corners[None], _NO_CHESS, (vertices, uv, faces), picture)
+        corners = _BOX[_PRINTED] * np.array([prop.marker_m, prop.marker_m, _PLATE_M]) / 2
+        mesh = _plate(prop.side_m, prop.side_m, half_uv)
+        return _made(prop, np.array([prop.id]), corners[None], _NO_CHESS, mesh, picture)
     return _cube(prop)
 
 
 def _cube(prop: ArucoCube) -> Prop:
     half = prop.side_m / 2
     ids = prop.first_id + np.arange(6)
-    pictures, vertices, uv, faces, corners = [], [], [], [], []
-    for i, (normal, right, up) in enumerate(_CUBE_FACES):
-        picture, half_uv = _marker_face(prop.name, prop.dictionary, int(ids[i]), prop.side_m / prop.marker_m)
+    pictures, uv = [], []
+    for i, marker_id in enumerate(ids.tolist()):
+        picture, half_uv = _marker_face(prop.name, prop.dictionary, marker_id, prop.side_m / prop.marker_m)
         pictures.append(picture)
-        vertices.append(_square(half, half * normal, right, up))
-        face_uv = np.array([[0.5 - half_uv, 0.5 - half_uv], [0.5 + half_uv, 0.5 - half_uv]])
-        square_uv = np.array([face_uv[0], face_uv[1], [0.5 + half_uv, 0.5 + half_uv], [0.5 - half_uv, 0.5 + half_uv]])
-        uv.append((square_uv + [i % 3, i // 3]) / [3, 2])
-        faces.append(np.array([[0, 2, 1], [0, 3, 2]]) + 4 * i)
-        corners.append(_square(prop.marker_m / 2, half * normal, right, up))
+        uv.append((0.5 + half_uv * _SQUARE_UV + [i % 3, i // 3]) / [3, 2])
     atlas, used = _power_of_two(np.vstack([np.hstack(pictures[:3]), np.hstack(pictures[3:])]))
-    mesh = np.concatenate(vertices), np.concatenate(uv) * used, np.concatenate(faces)
-    return _made(prop, ids, np.array(corners), _NO_CHESS, mesh, atlas)
+    mesh = half * _BOX.reshape(-1, 3), np.concatenate(uv) * used, _BOX_TRIANGLES
+    normal = _CUBE_FACES[:, :1]
+    return _made(prop, ids, half * normal + prop.marker_m / 2 * (_BOX - normal), _NO_CHESS, mesh, atlas)
 
 
 def _board(prop: CharucoBoard) -> Prop:
@@ -318,25 +311,12 @@ def _made(
     return Prop(**about, marker_id=ids, corners_prop=corners, chess_prop=chess, texture=texture)
 
 
-def _square(half: float, centre: Array, right: Array, up: Array) -> Array:
-    """(4, 3) corners, top left first, then clockwise as seen from outside."""
-    return np.array([centre + half * (sx * right + sy * up) for sx, sy in ((-1, 1), (1, 1), (1, -1), (-1, -1))])
-
-
 def _plate(width_m: float, height_m: float, half_uv: Array | float) -> tuple[Array, Array, Array]:
     """A thin box, printed on its +z side and plain elsewhere: vertices (24, 3), uv (24, 2), faces (12, 3)."""
-    half_m = np.array([width_m, height_m, _PLATE_M]) / 2
-    half_u, half_v = np.broadcast_to(half_uv, 2)
-    vertices, uv, faces = [], [], []
-    for i, (normal, right, up) in enumerate(_CUBE_FACES):
-        corners = np.array([normal + sx * right + sy * up for sx, sy in ((-1, 1), (1, 1), (1, -1), (-1, -1))])
-        vertices.append(corners * half_m)
-        printed = normal[2] > 0
-        signs = np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]])
-        # the unprinted sides show one white spot of the border
-        uv.append(0.5 + signs * [half_u, half_v] if printed else np.tile([0.5 - half_u, 0.5 - half_v], (4, 1)))
-        faces.append(np.array([[0, 2, 1], [0, 3, 2]]) + 4 * i)
-    return np.concatenate(vertices), np.concatenate(uv), np.concatenate(faces)
+    # the unprinted sides show one white spot of the border
+    uv = np.tile(0.5 - half_uv * np.ones(2), (6, 4, 1))
+    uv[_PRINTED] = 0.5 + half_uv * _SQUARE_UV
+    return (_BOX * np.array([width_m, height_m, _PLATE_M]) / 2).reshape(-1, 3), uv.reshape(-1, 2), _BOX_TRIANGLES
 
 
 def _marker_face(name: str, dictionary_name: str, marker_id: int, side_per_marker: float) -> tuple[Array, float]:

@@ -49,22 +49,17 @@ def rig_of_scene(scene: Scene) -> Rig:
 
 def camera_of(scene: Scene, name: str) -> PlacedCamera:
     """By name; raises ConfigError where there is none."""
-    placed = placed_cameras(scene.cameras)
-    for camera in placed:
-        if camera.name == name:
-            return camera
-    raise ConfigError(f"no camera {name!r}; there are: {choices(camera.name for camera in placed)}")
+    placed = {camera.name: camera for camera in placed_cameras(scene.cameras)}
+    if name not in placed:
+        raise ConfigError(f"no camera {name!r}; there are: {choices(placed)}")
+    return placed[name]
 
 
 def with_camera(scene: Scene, camera: PlacedCamera) -> Scene:
     """With this camera in place of the one of its name, or at the end; raises ConfigError for one that cannot be."""
     rig_from_cameras((camera,))
-    placed = placed_cameras(scene.cameras)
-    if any(one.name == camera.name for one in placed):
-        cameras = tuple(camera if one.name == camera.name else one for one in placed)
-    else:
-        cameras = (*placed, camera)
-    return replace(scene, cameras=ListedCameras(kind="list", cameras=cameras))
+    placed = {one.name: one for one in placed_cameras(scene.cameras)} | {camera.name: camera}
+    return replace(scene, cameras=ListedCameras(kind="list", cameras=tuple(placed.values())))
 
 
 def without_camera(scene: Scene, name: str) -> Scene:

@@ -18,7 +18,6 @@ from __future__ import annotations
 import shutil
 import warnings
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -40,7 +39,7 @@ from .exact import flesh_of_points, prop_truth, seen_points, truth_with
 from .render.model import render_model
 from .render.shot import moments_of
 from .render.stage import check_framebuffer, working_backend
-from .render.workers import RenderJob, RenderTask, image_name, render_all
+from .render.workers import FrameRun, RenderJob, RenderTask, image_name, render_all
 from .scene import SCENE_FILE, H264Settings, Scene, motion_files, scene_text, write_scene
 
 Progress = Callable[[int, int], None]
@@ -54,7 +53,7 @@ _DEPTH_BYTES = 1.0
 def simulate(
     scene: Scene,
     out: Path,
-    progress: Progress | None = None,
+    progress: Progress = lambda done, total: None,
     processes: int | None = None,
     *,
     replace: bool = False,
@@ -117,7 +116,7 @@ def estimated_session_bytes(live: LiveScene) -> int:
     record = live.scene.record
     sizes = {shots.camera: len(shots) * int(np.prod(camera.size_wh)) for shots, camera in zip(live.shots, live.rig, strict=True)}
     pixels = sum(sizes.values())
-    depth = _DEPTH_BYTES * sum(sizes[camera] for camera in cameras_with_depth(live))
+    depth = _DEPTH_BYTES * sum(sizes[camera.name] for camera in live.placed if camera.sensor.depth)
     if isinstance(record, H264Settings):
         return round(2 * pixels * _H264_BYTES * 2 ** ((_H264_AT_CRF - record.crf) / _CRF_THAT_HALVES) + depth)
     return round(pixels * _JPEG_BYTES + depth)
@@ -152,26 +151,24 @@ def _job(live: LiveScene, backend: str, largest_wh: tuple[int, int]) -> RenderJo
     )
 
 
-def _render(live: LiveScene, job: RenderJob, paths: SessionPaths, progress: Progress | None, processes: int) -> None:
+def _render(live: LiveScene, job: RenderJob, paths: SessionPaths, progress: Progress, processes: int) -> None:
     runs = runs_of(live, paths)
     if not isinstance(live.scene.record, H264Settings):
-        for camera in live.rig:
-            (paths.videos / camera.name).mkdir(exist_ok=True)
-    for name in cameras_with_depth(live):
-        paths.depth(name).mkdir(parents=True, exist_ok=True)
+        for name in live.rig.names:
+            (paths.videos / name).mkdir(exist_ok=True)
+    for camera in live.placed:
+        if camera.sensor.depth:
+            paths.depth(camera.name).mkdir(parents=True, exist_ok=True)
     total = sum(len(shots) for shots in live.shots)
     missing = [run for run in runs if not run.done.is_file()]
     done = total - sum(run.frames.stop - run.frames.start for run in missing)
-    if progress:
-        progress(done, total)
+    progress(done, total)
     for frames in render_all(job, _tasks(live, paths, missing), min(processes, max(1, len(missing)))):
         done += frames
-        if progress:
-            progress(done, total)
+        progress(done, total)
 
 
 def _tasks(live: LiveScene, paths: SessionPaths, runs: list[FrameRun]) -> Iterator[RenderTask]:
-    deep = cameras_with_depth(live)
     for run in runs:
         shots, camera = live.shots[run.camera], live.rig.cameras[run.camera]
         t_s = shots.t_ns[run.frames] / 1e9
@@ -179,15 +176,13 @@ def _tasks(live: LiveScene, paths: SessionPaths, runs: list[FrameRun]) -> Iterat
         poses = body_poses(live, (t_s[:, None] + after_s).ravel())
         seen = seen_points(live, run.camera, run.frames)
         yield RenderTask(
-            camera=run.camera,
+            run=run,
             seq=shots.seq[run.frames],
             stamp_ns=shots.stamp_ns[run.frames],
             poses=poses.reshape(len(t_s), len(after_s), *poses.shape[1:]),
             xyz_world=seen.xyz_world,
             possible=seen.possible,
-            video=run.video,
-            done=run.done,
-            depth=paths.depth(camera.name) if camera.name in deep else None,
+            depth=paths.depth(camera.name),
         )
 
 
@@ -219,16 +214,6 @@ _RUN = 30
 _RUN_OF_PICTURES = 240
 
 
-@dataclass(frozen=True)
-class FrameRun:
-    """Frames `frames` of camera number `camera`, stored as `video` and `done`."""
-
-    camera: int
-    frames: slice
-    video: Path
-    done: Path
-
-
 def runs_of(live: LiveScene, paths: SessionPaths) -> list[FrameRun]:
     """All frames of a session, in runs short enough to lose little with one."""
     runs = []
@@ -245,31 +230,20 @@ def runs_of(live: LiveScene, paths: SessionPaths) -> list[FrameRun]:
 def finish_session(live: LiveScene, paths: SessionPaths) -> None:
     """Join the runs, write rig and truth, and remove the runs."""
     runs = runs_of(live, paths)
-    visible = []
+    visible: list[Array] = []
+    times: dict[str, Array] = {}
     for c, shots in enumerate(live.shots):
+        times |= {f"seq{c}": shots.seq, f"t{c}_ns": shots.t_ns, f"stamp{c}_ns": shots.stamp_ns}
         own = [run for run in runs if run.camera == c]
         visible.append(np.concatenate([read_arrays(run.done)["visible"] for run in own]))
         if isinstance(live.scene.record, H264Settings):
             join_videos([run.video for run in own], paths.video(shots.camera))
         else:
-            times = shots.stamp_ns.tolist()
-            write_frame_times(paths.videos / shots.camera, ((image_name(t_ns), t_ns) for t_ns in times))
+            stamps = ((image_name(t_ns), t_ns) for t_ns in shots.stamp_ns.tolist())
+            write_frame_times(paths.videos / shots.camera, stamps)
     write_rig(paths.rig, live.rig)
     write_truth(paths.truth, truth_with(live, visible))
-    write_arrays(paths.shots, shot_arrays(live))
+    write_arrays(paths.shots, times)
     if live.props:
         write_arrays(paths.props, prop_truth(live, visible))
     shutil.rmtree(paths.parts)
-
-
-def cameras_with_depth(live: LiveScene) -> list[str]:
-    """Names of the cameras that measure depth."""
-    return [camera.name for camera in live.placed if camera.sensor.depth is not None]
-
-
-def shot_arrays(live: LiveScene) -> dict[str, Array]:
-    """Per camera number i: ``seq<i>``, ``t<i>_ns`` true mid-exposure, ``stamp<i>_ns`` the stamp in its video."""
-    arrays: dict[str, Array] = {}
-    for i, shots in enumerate(live.shots):
-        arrays |= {f"seq{i}": shots.seq, f"t{i}_ns": shots.t_ns, f"stamp{i}_ns": shots.stamp_ns}
-    return arrays

@@ -8,6 +8,7 @@ exact, and, without rendering, `hidden_by_shapes`: boxes exactly, people as caps
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Annotated, Literal
 
@@ -16,7 +17,7 @@ from annotated_types import Ge, Gt, Le
 from pydantic import Field
 
 from posefuse.core import SE3, Camera, ConfigError
-from posefuse.core.arrays import Array, frozen
+from posefuse.core.arrays import Array, freeze_fields
 from posefuse.core.skeleton import ANATOMICAL23
 from posefuse.foundation.settings import settings
 
@@ -112,7 +113,7 @@ class Box:
     colour: Colour
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "half_m", frozen(self.half_m, np.float64, "Box.half_m"))
+        freeze_fields(self, {"half_m": np.float64})
 
     def contains(self, xyz_world: Array) -> Array:
         """(...) whether points (..., 3) are inside."""
@@ -145,7 +146,7 @@ def boxes_of(occluders: tuple[BoxOccluder | WallOccluder | ClutterOccluder, ...]
     return tuple(boxes)
 
 
-def _box(centre_m: Point, size_m: Point, yaw_rad: float, colour: Colour) -> Box:
+def _box(centre_m: Sequence[float], size_m: Sequence[float] | Array, yaw_rad: float, colour: Colour) -> Box:
     return Box(np.array(size_m) / 2, SE3.from_rotvec([0.0, 0.0, float(yaw_rad)], np.array(centre_m)), colour)
 
 
@@ -169,9 +170,7 @@ def _clutter(clutter: ClutterOccluder, seed: list[int]) -> list[Box]:
         spot = rng.uniform(-0.5, 0.5, 2) * clutter.area_m
         yaw, colour = rng.uniform(0, np.pi), rng.uniform(0.2, 0.8, 3)
         if np.hypot(*spot) - np.hypot(size[0], size[1]) / 2 >= clutter.keep_clear_m:
-            centre = (float(spot[0]), float(spot[1]), float(size[2] / 2))
-            edges = (float(size[0]), float(size[1]), float(size[2]))
-            boxes.append(_box(centre, edges, yaw, (float(colour[0]), float(colour[1]), float(colour[2]))))
+            boxes.append(_box([*spot, size[2] / 2], size, yaw, (float(colour[0]), float(colour[1]), float(colour[2]))))
     if len(boxes) < clutter.count:
         raise ConfigError(
             f"occluders: clutter: only {len(boxes)} of {clutter.count} boxes fit into area_m {clutter.area_m} outside "

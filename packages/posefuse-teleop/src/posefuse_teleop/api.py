@@ -62,6 +62,7 @@ def teleoperate(
     from posefuse_teleop.process import RobotLink, RobotPlan
     from posefuse_teleop.session import run_control_loop
     from posefuse_teleop.settings import TeleoperationSettings
+    from posefuse_teleop.switches import open_deadman
 
     settings = settings or TeleoperationSettings()
     _check(settings, command)
@@ -82,9 +83,9 @@ def teleoperate(
         scene=scene,
     )
     with ExitStack() as stack:
-        switch = _opened(deadman, command is None or emergency_stop, ros)
+        switch = open_deadman(deadman, gesture_allowed=command is None or emergency_stop, ros=ros)
         stack.callback(switch.close)
-        watches = [watch] if watch is not None else []
+        watches = [] if watch is None else [watch]
         if show is not None:
             from posefuse_teleop.scene_view import SceneView
 
@@ -97,26 +98,7 @@ def teleoperate(
         stack.enter_context(session)
         with shown(progress) as report:
             report("teleoperation", 0, None, switch.hint)
-        return run_control_loop(session, switch, link, settings, watch=_each(watches))
-
-
-def _each(watches: Sequence[Callable[[Operator, Order | None], None]]) -> Callable[[Operator, Order | None], None] | None:
-    if not watches:
-        return None
-
-    def watch(operator: Operator, order: Order | None) -> None:
-        for one in watches:
-            one(operator, order)
-
-    return watch
-
-
-def _opened(deadman: str | DeadMan, gesture_allowed: bool, ros: RosPlan | None) -> DeadMan:
-    from posefuse_teleop.switches import open_deadman
-
-    if not isinstance(deadman, str):
-        return deadman
-    return open_deadman(deadman, gesture_allowed=gesture_allowed, ros=ros)
+        return run_control_loop(session, switch, link, settings, watches=watches)
 
 
 def _check(settings: TeleoperationSettings, command: str | None) -> None:

@@ -329,14 +329,17 @@ class Gate:
 def step_gate(gate: Gate, seen: Seen, settings: GateSettings) -> Gate:
     """The gate after all that is known now; never raises, whatever the numbers are."""
     after, change = _with_view(gate, seen, settings)
-    # what ends the engagement comes first: no finding is worse than 0
-    found = _worst(
+    view = seen.view
+    late = time_problem(view, gate.view_t_ns, gate.changed_ns, seen.now_ns, settings) if view is not None else ""
+    # the first of the lowest share; what ends the engagement comes first: no finding is worse than 0
+    found = min(
         change,
         clock_finding(gate.now_ns, seen.now_ns),
         robot_finding(seen.robot, seen.now_ns),
         camera_finding(seen.cameras, seen.now_ns, settings),
-        hand_finding(seen.view, _late(gate, seen, settings), settings),
+        hand_finding(seen.view, late, settings),
         _separation_finding(seen.separation_share),
+        key=lambda one: one.share,
     )
     fine_ns = None if found.share <= 0 else seen.now_ns if gate.fine_ns is None else gate.fine_ns
     after = replace(after, now_ns=seen.now_ns, fine_ns=fine_ns, share=0.0, reason=found.reason, engages=False)
@@ -378,11 +381,6 @@ def _engaged(after: Gate, found: Finding) -> Gate:
     return replace(after, phase=Phase.ENGAGED, share=found.share, lost_ns=None, let_go=False, engages=True)
 
 
-def _worst(*findings: Finding) -> Finding:
-    """The first of the lowest share."""
-    return min(findings, key=lambda found: found.share)
-
-
 def _separation_finding(share: float) -> Finding:
     if not share > 0:
         return Finding(0.0, "too near to the robot, or not known how near")
@@ -391,11 +389,6 @@ def _separation_finding(share: float) -> Finding:
 
 def _stands(robot: RobotState | None) -> bool:
     return robot is not None and bool((np.linalg.norm(robot.velocity_world, axis=1) <= STANDING_MPS).all())
-
-
-def _late(gate: Gate, seen: Seen, settings: GateSettings) -> str:
-    """Why the newest view is not of now; empty: it is, or there is none."""
-    return time_problem(seen.view, gate.view_t_ns, gate.changed_ns, seen.now_ns, settings) if seen.view is not None else ""
 
 
 def _with_view(gate: Gate, seen: Seen, settings: GateSettings) -> tuple[Gate, Finding]:

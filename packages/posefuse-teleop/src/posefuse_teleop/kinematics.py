@@ -17,6 +17,7 @@ import numpy as np
 from posefuse.core import ConfigError
 from posefuse.core.arrays import Array
 from posefuse.core.errors import choices
+from posefuse.core.extras import package_of_extra
 
 from .mapping import rotvec_between
 from .settings import SLOW_CONDITION, STOP_CONDITION, LimitSettings
@@ -150,12 +151,11 @@ class Chain:
         """(P,) by how much a joint step (n,) changes the distance of each pair at most."""
         return np.asarray(self._reach @ np.abs(step))
 
-    def spheres(self, data: Any = None) -> Array:
-        """(M, 4) centre and radius of spheres that cover the robot's geoms, as they are placed or in other data of the model."""
+    def spheres(self) -> Array:
+        """(M, 4) centre and radius of spheres that cover the robot's geoms."""
         geom, local, radius = self._balls
-        data = self._data if data is None else data
-        turned = np.einsum("mij,mj->mi", data.geom_xmat[geom].reshape(-1, 3, 3), local)
-        return np.column_stack([data.geom_xpos[geom] + turned, radius])
+        turned = np.einsum("mij,mj->mi", self._data.geom_xmat[geom].reshape(-1, 3, 3), local)
+        return np.column_stack([self._data.geom_xpos[geom] + turned, radius])
 
     def _near(self, watch_m: float) -> Array:
         """Pairs whose bounding spheres are nearer than `watch_m`."""
@@ -294,9 +294,7 @@ class WholeBodyIk:
     """
 
     def __init__(self, chain: Chain, limits: LimitSettings) -> None:
-        import daqp
-
-        self._daqp: Any = daqp
+        self._daqp = package_of_extra("daqp", "teleop")
         self.chain, self._limits = chain, limits
         self.comfort = chain.home.copy()
         self.condition = 1.0
@@ -317,7 +315,7 @@ class WholeBodyIk:
         # the path of an end effector is curved, and about as much in this step as in the last one
         curve = ahead - here - jacobians[:, :3] @ last
         self.condition = max(_condition(_scaled(j)[:, chain.arm]) for j in jacobians)
-        weight, target = np.diag(self._damping()), np.zeros(len(q))
+        weight, target = np.diag(np.where(chain.arm, _DAMPING, _BASE_DAMPING)), np.zeros(len(q))
         for h, j in enumerate(jacobians):
             error = np.concatenate([xyz[h] - here[h] - curve[h], _TURN_LENGTH_M * rotvec_between(turned[h], wxyz[h])])
             scaled = _scaled(j)
@@ -350,9 +348,6 @@ class WholeBodyIk:
         near = (_FOLDED[1] - stretch) / (_FOLDED[1] - _FOLDED[0])
         hard = (self.condition - _EASY_CONDITION) / (_HARD_CONDITION - _EASY_CONDITION)
         return float(np.clip(max(far, near, hard), 0.0, 1.0))
-
-    def _damping(self) -> Array:
-        return np.where(self.chain.arm, _DAMPING, _BASE_DAMPING)
 
     def _bounds(self, q: Array, last: Array, dt_s: float) -> tuple[Array, Array]:
         """Least and most step of each joint. One that is past its limit may come back only."""

@@ -13,8 +13,9 @@ from typing import Any
 
 import numpy as np
 
-from posefuse.core import SE3, ConfigError, DependencyError
+from posefuse.core import SE3, ConfigError
 from posefuse.core.arrays import Array
+from posefuse.core.extras import package_of_extra
 from posefuse.foundation.parsing import one_line
 
 from .follower import Follower
@@ -48,23 +49,18 @@ class MujocoRobot:
     """
 
     def __init__(self, model: Any, sites: Sequence[str], limits: LimitSettings, world_from_model: SE3 | None = None) -> None:
-        try:
-            import daqp  # noqa: F401
-            import mujoco
-        except ImportError as error:
-            raise DependencyError(f"teleoperate: {error}; install it with: pip install 'posefuse[teleop]'") from None
-        self._mj, self.model = mujoco, model
+        self._mj, self.model = package_of_extra("mujoco", "teleop"), model
         chain = Chain(model, sites, limits.collision_m)
         self.joints = Joints(chain, limits, world_from_model or SE3.identity())
         self._sites = [model.site(s).id for s in sites]
         self._drives = [_drive(model, joint, name) for joint, name in zip(chain.joints, chain.names, strict=True)]
-        self._cups = [a for a in range(model.nu) if int(model.actuator_trntype[a]) == int(mujoco.mjtTrn.mjTRN_BODY)]
-        self.data = mujoco.MjData(model)
+        self._cups = [a for a in range(model.nu) if int(model.actuator_trntype[a]) == int(self._mj.mjtTrn.mjTRN_BODY)]
+        self.data = self._mj.MjData(model)
         if model.nkey:
-            mujoco.mj_resetDataKeyframe(model, self.data, 0)
+            self._mj.mj_resetDataKeyframe(model, self.data, 0)
         self.data.qpos[chain.qpos] = self.joints.q
         self._command(self.joints.q, np.zeros(len(self.joints.q)))
-        mujoco.mj_forward(model, self.data)
+        self._mj.mj_forward(model, self.data)
         self._viewer: Any = None
 
     def state(self) -> RobotState:
@@ -121,10 +117,7 @@ def _drive(model: Any, joint: int, name: str) -> tuple[int, float]:
 
 def mujoco_model(file: Path | None, hands: Sequence[str], text: str | None = None) -> Any:
     """The MuJoCo model of an MJCF file or text; of our own robot without one. Raises ConfigError for what is none."""
-    try:
-        import mujoco
-    except ImportError as error:
-        raise DependencyError(f"teleoperate: {error}; install it with: pip install 'posefuse[teleop]'") from None
+    mujoco = package_of_extra("mujoco", "teleop")
     if file is not None and not file.is_file():
         raise ConfigError(f"--robot {file}: there is no such file")
     try:

@@ -55,19 +55,12 @@ class RobotPlan:
     scene: str | None = None
 
 
-@dataclass(frozen=True)
-class Failed:
-    """The robot cannot be driven."""
-
-    error: PosefuseError
-
-
 class Leave:
     """End: brake, then leave."""
 
 
 def run_robot(channel: Channel, plan: RobotPlan) -> None:
-    """Entry point of the process; the other end of `channel` sends orders and receives states."""
+    """Entry point of the process; the other end of `channel` sends orders and receives states, or why there are none."""
     reporters: Sequence[Reporter] = ()
     try:
         robot = built(plan)
@@ -75,7 +68,7 @@ def run_robot(channel: Channel, plan: RobotPlan) -> None:
             ros = package_of_extra("posefuse_teleop.ros", "ros")
             reporters = ros.open_reporters(plan.ros, plan.record, plan.settings)
     except PosefuseError as error:
-        channel.send(Failed(error), wait_s=1.0)
+        channel.send(error, wait_s=1.0)
         return
     asked: list[int] = []
     signal.signal(signal.SIGTERM, lambda number, _: asked.append(number))
@@ -163,8 +156,8 @@ class RobotLink:
         """The newest state that came since the last call; raises PosefuseError when the process is gone or gives up."""
         newest = None
         while (message := self._worker.receive()) is not None:
-            if isinstance(message, Failed):
-                raise message.error
+            if isinstance(message, PosefuseError):
+                raise message
             newest = message
         self.state = newest or self.state
         self._check()

@@ -111,9 +111,6 @@ class Reporter:
 
 def open_reporters(ros: RosPlan | None, record: Path | None, settings: TeleoperationSettings) -> list[Reporter]:
     """Reporters of a plan; raises PosefuseError where one cannot be opened."""
-    found = []
-    if ros is not None:
-        found.append(Reporter(ros.node("posefuse_teleoperation"), settings))
-    if record is not None:
-        found.append(Reporter(Recorder(record), settings))
-    return found
+    outlets: list[Any] = [] if ros is None else [ros.node("posefuse_teleoperation")]
+    outlets += [] if record is None else [Recorder(record)]
+    return [Reporter(outlet, settings) for outlet in outlets]

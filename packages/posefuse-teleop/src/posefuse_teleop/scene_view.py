@@ -35,7 +35,7 @@ _HAND_M, _TARGET_M, _TRAIL_M, _WIRE_M = 0.04, 0.025, 0.006, 0.002
 
 
 class SceneView:
-    """Shows the operator's side after a step, at a pace an eye can follow; a `watch` of `session.run_control_loop`.
+    """Shows the operator's side after a step, at a pace an eye can follow; one of the `watches` of `session.run_control_loop`.
 
     Args:
         settings: whose box and distances are drawn. place: ``spawn`` opens the viewer, anything else is the .rrd file to write.

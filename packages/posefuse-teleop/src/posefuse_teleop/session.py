@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections import Counter, deque
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
@@ -70,52 +70,41 @@ def step_operator(
     heartbeats = operator.heartbeats
     for beat in news.heartbeats:
         heartbeats = heartbeats.with_beat(beat, now_ns)
-    view, robot = news.view or operator.view, news.robot or operator.robot
-    cameras = news.cameras or operator.cameras
-    body = remembered(operator.body, news.view) if news.view is not None else operator.body
-    distance_m, share = float("nan"), 1.0
+    operator = replace(
+        operator,
+        heartbeats=heartbeats,
+        view=news.view or operator.view,
+        cameras=news.cameras or operator.cameras,
+        robot=news.robot or operator.robot,
+        separation_m=float("nan"),
+        seq=operator.seq + 1,
+    )
+    if news.view is not None:
+        # the gate goes by the hand as it was measured, the target by the steady one
+        operator = replace(operator, body=remembered(operator.body, news.view), steady=steadied(operator.steady, news.view))
+    share = 1.0
     if settings.robot.shared:
-        distance_m = separation_m(body, robot.spheres_world, now_ns, settings.separation) if robot is not None else distance_m
-        share = speed_share(distance_m, settings.separation)
+        if operator.robot is not None:
+            spheres = operator.robot.spheres_world
+            operator = replace(operator, separation_m=separation_m(operator.body, spheres, now_ns, settings.separation))
+        share = speed_share(operator.separation_m, settings.separation)
     seen = Seen(
         now_ns=now_ns,
-        view=view,
+        view=operator.view,
         heartbeats=heartbeats,
-        cameras=cameras,
-        robot=robot,
+        cameras=operator.cameras,
+        robot=operator.robot,
         separation_share=share,
         emergency=news.emergency,
         reset=news.reset,
     )
-    gate = step_gate(operator.gate, seen, settings.gate)
-    steady = operator.steady
-    if news.view is not None:
-        # the gate goes by the hand as it was measured, the target by the steady one
-        steady = steadied(steady, news.view)
-    clutch = _clutch(operator.clutch, gate, view, steady, robot, settings)
-    after = Operator(
-        gate=gate,
-        heartbeats=heartbeats,
-        body=body,
-        clutch=clutch,
-        steady=steady,
-        view=view,
-        cameras=cameras,
-        robot=robot,
-        separation_m=distance_m,
-        seq=operator.seq + 1,
-    )
-    return after, _order(after, settings, now_ns)
+    operator = replace(operator, gate=step_gate(operator.gate, seen, settings.gate))
+    operator = replace(operator, clutch=_clutch(operator, settings))
+    return operator, _order(operator, settings, now_ns)
 
 
-def _clutch(
-    clutch: Clutch | None,
-    gate: Gate,
-    view: OperatorView | None,
-    steady: Steady | None,
-    robot: RobotState | None,
-    settings: TeleoperationSettings,
-) -> Clutch | None:
+def _clutch(operator: Operator, settings: TeleoperationSettings) -> Clutch | None:
+    clutch, gate, view, steady, robot = operator.clutch, operator.gate, operator.view, operator.steady, operator.robot
     if gate.phase is not Phase.ENGAGED or view is None or steady is None or robot is None:
         return clutch
     if gate.engages or clutch is None:
@@ -179,9 +168,9 @@ def run_control_loop(
     robot: RobotLink,
     settings: TeleoperationSettings,
     *,
-    watch: Callable[[Operator, Order | None], None] | None = None,
+    watches: Sequence[Callable[[Operator, Order | None], None]] = (),
 ) -> Summary:
-    """Teleoperate until the session or the robot's process has ended. watch: called with every step."""
+    """Teleoperate until the session or the robot's process has ended. watches: called with every step."""
     period_s = 1.0 / settings.robot.rate_hz
     operator, summary, begun_s = Operator(), Summary(), time.monotonic()
     used_ns: int | None = None
@@ -198,7 +187,7 @@ def run_control_loop(
             if order is not None:
                 robot.send(order)
             image_ns = _count(summary, operator, robot, image_ns)
-            if watch is not None:
+            for watch in watches:
                 watch(operator, order)
     except PosefuseError as error:
         summary.fault = str(error)

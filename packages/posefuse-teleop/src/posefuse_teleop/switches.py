@@ -320,12 +320,14 @@ class GestureSwitch:
 KINDS = "key, joystick:/dev/input/js0, ros:/joy, web, web:PORT, gesture"
 
 
-def open_deadman(text: str, *, gesture_allowed: bool = True, ros: RosPlan | None = None) -> DeadMan:
-    """The switch of ``--deadman``. ros: where its topic is; None: domain 0 of ROS 2.
+def open_deadman(text: str | DeadMan, *, gesture_allowed: bool = True, ros: RosPlan | None = None) -> DeadMan:
+    """The switch of ``--deadman``; one that is open already is returned. ros: where its topic is; None: domain 0 of ROS 2.
 
     Raises:
         ConfigError: no such switch, or a gesture where it alone is not enough. SourceError: it cannot be opened.
     """
+    if not isinstance(text, str):
+        return text
     kind, _, where = text.partition(":")
     if kind == "key" and not where:
         return KeySwitch()

@@ -48,14 +48,20 @@ SEGMENTS = ("pelvis", "thorax", "head") + tuple(
 _TRUNK = ("flexion", "bend_right", "rotation_left")
 _SIDE_JOINTS = {
     "shoulder": ("thorax", "upper_arm", ("plane_of_elevation", "elevation", "internal_rotation")),
-    "elbow": ("upper_arm", "forearm", ("flexion", "carrying", "pronation")),
-    "wrist": ("forearm", "hand", ("flexion", "ulnar_deviation", "internal_rotation")),
+    "elbow": ("{}_upper_arm", "forearm", ("flexion", "carrying", "pronation")),
+    "wrist": ("{}_forearm", "hand", ("flexion", "ulnar_deviation", "internal_rotation")),
     "hip": ("pelvis", "thigh", ("flexion", "adduction", "internal_rotation")),
-    "knee": ("thigh", "shank", ("flexion", "adduction", "internal_rotation")),
-    "ankle": ("shank", "foot", ("dorsiflexion", "inversion", "internal_rotation")),
+    "knee": ("{}_thigh", "shank", ("flexion", "adduction", "internal_rotation")),
+    "ankle": ("{}_shank", "foot", ("dorsiflexion", "inversion", "internal_rotation")),
 }
-JOINTS = ("trunk", "neck") + tuple(f"{side}_{joint}" for side in ("left", "right") for joint in _SIDE_JOINTS)
-ANGLE_NAMES = (_TRUNK, _TRUNK) + tuple(names for _ in range(2) for _, _, names in _SIDE_JOINTS.values())
+# joint -> its proximal and its distal segment, and its angles
+_JOINTS = {"trunk": ("pelvis", "thorax", _TRUNK), "neck": ("thorax", "head", _TRUNK)} | {
+    f"{side}_{joint}": (proximal.format(side), f"{side}_{distal}", names)
+    for side in ("left", "right")
+    for joint, (proximal, distal, names) in _SIDE_JOINTS.items()
+}
+JOINTS = tuple(_JOINTS)
+ANGLE_NAMES = tuple(names for _, _, names in _JOINTS.values())
 # joints whose flexion turns the distal segment backwards about Z
 _FLEXES_BACK = ("trunk", "neck", "left_knee", "right_knee")
 _MIRROR = np.array([1.0, 1.0, -1.0])
@@ -64,13 +70,7 @@ _DEGENERATE = 1e-7
 
 def joint_segments(joint: str) -> tuple[str, str]:
     """Names of the proximal and the distal segment of a joint."""
-    if joint == "trunk":
-        return "pelvis", "thorax"
-    if joint == "neck":
-        return "thorax", "head"
-    side, part = joint.split("_")
-    proximal, distal, _ = _SIDE_JOINTS[part]
-    return (proximal if proximal in ("pelvis", "thorax") else f"{side}_{proximal}"), f"{side}_{distal}"
+    return _JOINTS[joint][:2]
 
 
 def joint_angles_from_rotations(rotation_world: Array) -> Array:
@@ -161,12 +161,12 @@ def segment_bone(segment: str) -> str:
 
 def rest_keypoints(mesh: RestMesh) -> dict[str, Array]:
     """Each `ANATOMICAL23` keypoint (3,) on the rest mesh."""
-    return dict(zip(KEYPOINTS.keypoints, mesh.keypoint_weight @ mesh.vertices, strict=True))
+    return dict(zip(KEYPOINTS.keypoints, mesh.keypoint_weight @ mesh.vertices_rest, strict=True))
 
 
 def turning_centres(mesh: RestMesh) -> Array:
     """(B, 3) rest point each bone turns about: the joint centre where there is one, else the rig's bone head."""
-    centre = mesh.world_from_bone[:, :3, 3].copy()
+    centre = mesh.world_from_bone_rest[:, :3, 3].copy()
     points = rest_keypoints(mesh)
     index = mesh.bone_names.index
     for side, letter in SIDES.items():
@@ -186,10 +186,10 @@ def keypoint_moments(mesh: RestMesh) -> tuple[Array, Array]:
     keypoint = sum over bones of rotation_b @ moment_b + share_b * translation_b, with the rigid motion of each bone from rest.
     """
     count = len(mesh.bone_names)
-    skin = np.zeros((len(mesh.vertices), count))
+    skin = np.zeros((len(mesh.vertices_rest), count))
     np.add.at(skin, (np.arange(len(skin))[:, None], mesh.bone_index), mesh.bone_weight)
     share = mesh.keypoint_weight @ skin
-    moment = np.einsum("kv,vb,vx->kbx", mesh.keypoint_weight, skin, mesh.vertices, optimize=True)
+    moment = np.einsum("kv,vb,vx->kbx", mesh.keypoint_weight, skin, mesh.vertices_rest, optimize=True)
     for k, (name, point) in enumerate(rest_keypoints(mesh).items()):
         side, _, joint = name.partition("_")
         if joint in _HINGE_BONE:
@@ -215,7 +215,7 @@ def rest_segment_frames(mesh: RestMesh) -> tuple[Array, Array]:
 
 def _limb_frames(mesh: RestMesh, points: dict[str, Array], side: str) -> dict[str, tuple[Array, Array]]:
     at = {name.removeprefix(f"{side}_"): point for name, point in points.items()}
-    heads = {b: mesh.world_from_bone[mesh.bone_names.index(f"{b}.{SIDES[side]}"), :3, 3] for b in ("finger2-1", "finger5-1")}
+    heads = {b: mesh.world_from_bone_rest[mesh.bone_names.index(f"{b}.{SIDES[side]}"), :3, 3] for b in ("finger2-1", "finger5-1")}
     thumb_side = heads["finger2-1"] - heads["finger5-1"]
     radial = thumb_side if side == "right" else -thumb_side
     knuckles = (heads["finger2-1"] + heads["finger5-1"]) / 2

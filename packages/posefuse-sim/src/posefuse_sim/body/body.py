@@ -13,10 +13,11 @@ from posefuse.core.arrays import Array
 
 from . import anatomy
 from .anatomy import SEGMENTS, joint_angles_from_rotations
-from .mesh import BodyShapeSettings, RestMesh, rest_mesh
+from .mesh import BodyShapeSettings, RestMesh, masculine, rest_mesh
 
 GROUPS = ("shirt", "trousers", "shoes", "skin", "hair")
 _DEFAULT = {"shirt": "#b22626", "trousers": "#1a2659", "shoes": "#0d0d0d", "skin": "#d9a68c", "hair": "#26190d"}
+_AVERAGE: dict[str, Any] = {"sex": "male", "age_years": 30.0, "muscle": 0.5} | _DEFAULT
 _PALETTE = {
     "shirt": ("#b22626", "#2a6f4e", "#e0dfd5", "#30475e", "#c98a1b", "#6a4c93", "#3a86c8", "#222222"),
     "trousers": ("#1a2659", "#2b2b2b", "#5b4636", "#6b705c", "#3d405b", "#8d99ae"),
@@ -32,34 +33,26 @@ _TORSO = ("spine", "clavicle", "shoulder", "upperarm")
 
 def completed_shape(settings: BodyShapeSettings) -> BodyShapeSettings:
     """The same settings with nothing left open but the weight; the same seed always decides the same."""
-    drawn = _average() if settings.random_seed is None else _drawn(settings.random_seed)
-    given = {k: v for k in drawn if (v := getattr(settings, k, None)) is not None}
-    decided = drawn | given
-    if "height_m" not in given:
-        decided["height_m"] = _stature(decided["sex"], decided["age_years"], decided.pop("stature_sigmas"))
-    decided.pop("stature_sigmas", None)
-    return replace(settings, **decided)
+    drawn, sigmas = (_AVERAGE, 0.0) if settings.random_seed is None else _drawn(settings.random_seed)
+    decided = drawn | {name: value for name, value in vars(settings).items() if value is not None}
+    height_m = settings.height_m or _stature(decided["sex"], decided["age_years"], sigmas)
+    return replace(settings, **decided | {"height_m": height_m})
 
 
-def _average() -> dict[str, Any]:
-    return {"sex": "male", "age_years": 30.0, "height_m": None, "muscle": 0.5, "stature_sigmas": 0.0} | _DEFAULT
-
-
-def _drawn(seed: int) -> dict[str, Any]:
+def _drawn(seed: int) -> tuple[dict[str, Any], float]:
+    """What is drawn of a body, and by how many standard deviations it is taller than the average."""
     rng = np.random.default_rng(seed)
     shape = {
         "sex": ("female", "male")[rng.integers(2)],
         "age_years": float(rng.uniform(20, 70)),
-        "height_m": None,
         "muscle": float(rng.uniform(0.3, 0.8)),
-        "stature_sigmas": float(np.clip(rng.standard_normal(), -2, 2)),
     }
-    return shape | {group: colours[rng.integers(len(colours))] for group, colours in _PALETTE.items()}
+    sigmas = float(np.clip(rng.standard_normal(), -2, 2))
+    return shape | {group: colours[rng.integers(len(colours))] for group, colours in _PALETTE.items()}, sigmas
 
 
 def _stature(sex: str | float, age_years: float, sigmas: float) -> float:
-    masculine = {"female": 0.0, "male": 1.0}[sex] if isinstance(sex, str) else sex
-    mean, sd = (np.interp(masculine, (0, 1), ends) for ends in zip(*_STATURE_M.values(), strict=True))
+    mean, sd = (np.interp(masculine(sex), (0, 1), ends) for ends in zip(*_STATURE_M.values(), strict=True))
     grown = np.interp(age_years, (5, 18), (0.63, 1.0))
     return float((mean + sigmas * sd) * grown)
 
@@ -69,18 +62,18 @@ def colour_groups(mesh: RestMesh, settings: BodyShapeSettings) -> tuple[Array, A
 
     A vertex wears what its strongest bone wears; the top and back of the head is hair.
     """
-    strongest = mesh.bone_index[np.arange(len(mesh.vertices)), mesh.bone_weight.argmax(axis=1)]
+    strongest = mesh.bone_index[np.arange(len(mesh.vertices_rest)), mesh.bone_weight.argmax(axis=1)]
     names = np.array(mesh.bone_names)[strongest]
     group = np.full(len(names), GROUPS.index("skin"))
     for wearers, wears in ((_TORSO, "shirt"), (_LEGS, "trousers"), (_FEET, "shoes")):
         group[np.char.startswith(names[:, None], np.array(wearers)).any(axis=1)] = GROUPS.index(wears)
     # the lowest spine bone moves the crotch as well
-    below_waist = mesh.vertices[:, 2] < mesh.world_from_bone[mesh.bone_names.index("spine04"), 2, 3]
+    below_waist = mesh.vertices_rest[:, 2] < mesh.world_from_bone_rest[mesh.bone_names.index("spine04"), 2, 3]
     group[below_waist & np.char.startswith(names, "spine")] = GROUPS.index("trousers")
     head = names == "head"
-    centre = mesh.vertices[head].mean(axis=0)
-    size = np.ptp(mesh.vertices[head][:, 2]) / 0.26
-    x, z = mesh.vertices[:, 0] - centre[0], mesh.vertices[:, 2] - centre[2]
+    centre = mesh.vertices_rest[head].mean(axis=0)
+    size = np.ptp(mesh.vertices_rest[head][:, 2]) / 0.26
+    x, z = mesh.vertices_rest[:, 0] - centre[0], mesh.vertices_rest[:, 2] - centre[2]
     hair = head & ((z > 0.05 * size) | ((x < -0.02 * size) & (z > -0.04 * size)))
     group[hair] = GROUPS.index("hair")
     rgb = [[int(getattr(settings, g)[i : i + 2], 16) / 255 for i in (1, 3, 5)] for g in GROUPS]
@@ -88,35 +81,21 @@ def colour_groups(mesh: RestMesh, settings: BodyShapeSettings) -> tuple[Array, A
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class SimulatedBody:
+class SimulatedBody(RestMesh):
     """One body: what the renderer draws and what is true about it. Made by `build_body`.
-
-    Rest pose: standing on the floor at the origin, facing +X, left +Y, up +Z, metres.
 
     Attributes:
         settings: everything decided, nothing None but `random_seed` and `weight_kg`.
-        bone_names: B rig bones. bone_parent: (B,) index, -1 at the root; parents come first.
         bone_centre: (B, 3) rest point each bone turns about.
-        vertices_rest: (V, 3) m. faces: (F, 3) int.
-        bone_index, bone_weight: (V, W) skin weights over bones; rows sum to 1; unused places have weight 0.
-        world_from_bone_rest: (B, 4, 4).
-        colour_group: (V,) int into `colour_names`. colours: (G, 3) red, green, blue in [0, 1].
+        colour_group: (V,) int into `GROUPS`. colours: (G, 3) red, green, blue in [0, 1].
         segment_axes: (S, 3, 3) rest axes of `SEGMENTS` as columns X, Y, Z. segment_origin: (S, 3).
         segment_bone: (S,) the bone each is fixed to.
         points_rest: each `ANATOMICAL23` keypoint (3,) at rest.
     """
 
     settings: BodyShapeSettings
-    bone_names: tuple[str, ...]
-    bone_parent: Array
     bone_centre: Array
-    vertices_rest: Array
-    faces: Array
-    bone_index: Array
-    bone_weight: Array
-    world_from_bone_rest: Array
     colour_group: Array
-    colour_names: tuple[str, ...]
     colours: Array
     segment_axes: Array
     segment_origin: Array
@@ -199,17 +178,10 @@ def build_body(settings: BodyShapeSettings) -> SimulatedBody:
     share, moment = anatomy.keypoint_moments(mesh)
     group, colours = colour_groups(mesh, decided)
     return SimulatedBody(
+        **vars(mesh),
         settings=decided,
-        bone_names=mesh.bone_names,
-        bone_parent=mesh.bone_parent,
         bone_centre=anatomy.turning_centres(mesh),
-        vertices_rest=mesh.vertices,
-        faces=mesh.faces,
-        bone_index=mesh.bone_index,
-        bone_weight=mesh.bone_weight,
-        world_from_bone_rest=mesh.world_from_bone,
         colour_group=group,
-        colour_names=GROUPS,
         colours=colours,
         segment_axes=axes,
         segment_origin=origin,

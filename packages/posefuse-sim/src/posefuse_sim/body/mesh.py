@@ -29,25 +29,25 @@ _HEIGHT_TOLERANCE_M = 1e-3
 _WEIGHT_TOLERANCE_KG = 0.2
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, eq=False, kw_only=True)
 class RestMesh:
-    """One body at rest.
+    """One body at rest: standing on the floor at the origin, facing +X, left +Y, up +Z, metres.
 
     Attributes:
         bone_names, bone_parent: B bones; the root's parent is -1, a parent always comes before its children.
-        vertices: (V, 3) m. faces: (F, 3).
-        bone_index, bone_weight: (V, W) skin weights; they sum to 1.
-        world_from_bone: (B, 4, 4).
+        vertices_rest: (V, 3) m. faces: (F, 3).
+        bone_index, bone_weight: (V, W) skin weights over bones; rows sum to 1; unused places have weight 0.
+        world_from_bone_rest: (B, 4, 4).
         keypoint_weight: (23, V) of each `ANATOMICAL23` keypoint over the vertices; rows sum to 1.
     """
 
     bone_names: tuple[str, ...]
     bone_parent: Array
-    vertices: Array
+    vertices_rest: Array
     faces: Array
     bone_index: Array
     bone_weight: Array
-    world_from_bone: Array
+    world_from_bone_rest: Array
     keypoint_weight: Array
 
 
@@ -80,11 +80,11 @@ def rest_mesh(settings: BodyShapeSettings) -> RestMesh:
     return RestMesh(
         bone_names=tuple(model.bone_labels),
         bone_parent=np.array(model.bone_parents),
-        vertices=vertices - origin,
+        vertices_rest=vertices - origin,
         faces=model.faces.numpy().astype(np.int64),
         bone_index=model.vertex_bone_indices.numpy().astype(np.int64),
         bone_weight=model.vertex_bone_weights.numpy().astype(np.float64),
-        world_from_bone=bones,
+        world_from_bone_rest=bones,
         keypoint_weight=regression,
     )
 
@@ -114,11 +114,10 @@ def stature_and_mass(sliders: dict[str, float]) -> tuple[float, float]:
 
 def _solved_sliders(settings: BodyShapeSettings) -> dict[str, float]:
     """Sliders of the body model for the asked stature and mass, one after the other until both hold."""
-    age_years, muscle, height_m = settings.age_years, settings.muscle, settings.height_m
-    assert age_years is not None and muscle is not None and height_m is not None, "`decided` leaves the weight open only"
-    masculine = {"female": 0.0, "male": 1.0}.get(str(settings.sex), settings.sex)
+    sex, age_years, muscle, height_m = settings.sex, settings.age_years, settings.muscle, settings.height_m
+    assert not (sex is None or age_years is None or muscle is None or height_m is None), "`completed_shape` decides them"
     sliders = {
-        "gender": 1.0 - float(1.0 if masculine is None else masculine),
+        "gender": 1.0 - masculine(sex),
         "age": float(np.interp(age_years, _AGE_YEARS, _AGE_SLIDER)),
         "muscle": float(muscle),
         "weight": 0.5,
@@ -133,6 +132,11 @@ def _solved_sliders(settings: BodyShapeSettings) -> dict[str, float]:
         if abs(stature_and_mass(sliders)[0] - height_m) < _HEIGHT_TOLERANCE_M:
             break
     return sliders
+
+
+def masculine(sex: str | float) -> float:
+    """``female``, ``male`` or a number between them, from 0 (female) to 1 (male)."""
+    return {"female": 0.0, "male": 1.0}[sex] if isinstance(sex, str) else sex
 
 
 def _solve(sliders: dict[str, float], slider: str, wanted: float, place: int, key: str, unit: str, tolerance: float) -> None:

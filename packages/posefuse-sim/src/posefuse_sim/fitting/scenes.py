@@ -121,7 +121,7 @@ def moving(seed: int, legs: Range, arms: Range) -> TrcData:
 
 def render_everyday(out: Path, count: int, say: Callable[[str], None]) -> list[Path]:
     """Draw the scenes that are not there yet; minutes, and may be interrupted and resumed."""
-    return [_rendered(out / f"scene{i:02d}", lambda i=i: everyday_scene(i), say) for i in range(count)]  # type: ignore[misc]
+    return [_rendered(out / f"scene{i:02d}", everyday_scene(i), say) for i in range(count)]
 
 
 def render_moving(out: Path, count: int, say: Callable[[str], None]) -> list[Path]:
@@ -132,7 +132,7 @@ def render_moving(out: Path, count: int, say: Callable[[str], None]) -> list[Pat
         motion_file = out.absolute() / f"motion{i:02d}.trc"
         if not motion_file.exists():
             write_trc(motion_file, moving(i, *MOVES[i // SCENES_EACH]))
-        folders.append(_rendered(out / f"scene{i:02d}", lambda i=i, file=motion_file: moving_scene(i, file), say))  # type: ignore[misc]
+        folders.append(_rendered(out / f"scene{i:02d}", moving_scene(i, motion_file), say))
     return folders
 
 
@@ -141,11 +141,11 @@ def is_rendered(folder: Path) -> bool:
     return (folder / "truth" / "truth.npz").exists()
 
 
-def _rendered(folder: Path, scene: Callable[[], dict[str, Any]], say: Callable[[str], None]) -> Path:
+def _rendered(folder: Path, scene: dict[str, Any], say: Callable[[str], None]) -> Path:
     if not is_rendered(folder):
         from posefuse_sim.scene import Scene
         from posefuse_sim.session import simulate
 
-        simulate(settings_from_mapping(scene(), Scene, where=folder.name), folder, processes=1)
+        simulate(settings_from_mapping(scene, Scene, where=folder.name), folder, processes=1)
         say(f"{folder.name}: rendered")
     return folder

@@ -7,7 +7,7 @@ so densely that this stays within a set distance of the true motion (`baked`).
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -16,6 +16,7 @@ from posefuse.core import ConfigError
 from posefuse.core.arrays import Array
 from posefuse.formats.gltf import vertex_normals
 from posefuse_sim.body import SimulatedBody
+from posefuse_sim.body.body import GROUPS
 from posefuse_sim.props import Prop
 
 from .collada import MOST_WEIGHTS, ColladaSkeleton, Mesh, Surface, joint_name
@@ -23,24 +24,18 @@ from .collada import MOST_WEIGHTS, ColladaSkeleton, Mesh, Surface, joint_name
 # bones that stay this close to their parent's motion are one with it
 _RIGID_M = 1e-7
 _HALVINGS = 7
+# how far the animation may be from the true motion between its keys
+MOST_BETWEEN_KEYS_M = 0.0005
 # Gazebo cuts the length of an animation down to milliseconds; so much more keeps the last one
 _OVER_S = 1e-5
 # a body's skin is nowhere further from its joints; a triangle that covers no pixel
 _AROUND_M, _SPECK_M = 0.5, 1e-5
 
 
-@dataclass(frozen=True, eq=False)
-class Baked:
-    """Joint poses (T, J, 4, 4) in the world at key times (T,), and how far off joints are in the middle between keys."""
+def baked(poses_at: Callable[[Array], Array], parent: Array, duration_s: float, rate_hz: float) -> tuple[Array, Array]:
+    """Keys of a motion: times (T,) and joint poses (T, J, 4, 4) in the world.
 
-    t_s: Array
-    world_from_joint: Array
-    between_keys_m: float
-
-
-def baked(poses_at: Callable[[Array], Array], parent: Array, duration_s: float, rate_hz: float, most_m: float) -> Baked:
-    """Keys of a motion: one per frame, and more where a joint would be off by more than `most_m` in the middle between two.
-
+    One key per frame, and more where a joint would be off by more than `MOST_BETWEEN_KEYS_M` in the middle between two.
     Steps of a foot touching the ground take several keys, where a limb swings evenly one per frame is enough.
 
     Args:
@@ -54,13 +49,13 @@ def baked(poses_at: Callable[[Array], Array], parent: Array, duration_s: float, 
         world = poses_at(t_s)
         between_s = (t_s[1:] + t_s[:-1]) / 2
         apart_m = np.linalg.norm((halfway(world, parent) - poses_at(between_s))[..., :3, 3], axis=-1).max(axis=-1)
-        if apart_m.max() <= most_m:
+        if apart_m.max() <= MOST_BETWEEN_KEYS_M:
             t_s[-1] += _OVER_S
-            return Baked(t_s, world, float(apart_m.max()))
-        t_s = np.sort(np.concatenate([t_s, between_s[apart_m > most_m]]))
+            return t_s, world
+        t_s = np.sort(np.concatenate([t_s, between_s[apart_m > MOST_BETWEEN_KEYS_M]]))
     raise ConfigError(
         f"gazebo: with {rate_hz * 2**_HALVINGS:g} keys per second a joint is still {1000 * apart_m.max():.2f} mm off between "
-        f"them, expected at most {1000 * most_m:g} mm; the motion jumps at {between_s[apart_m.argmax()]:.2f} s"
+        f"them, expected at most {1000 * MOST_BETWEEN_KEYS_M:g} mm; the motion jumps at {between_s[apart_m.argmax()]:.2f} s"
     )
 
 
@@ -86,7 +81,7 @@ def in_parent(world_from_joint: Array, parent: Array) -> Array:
 
 
 def person_actor(
-    body: SimulatedBody, bones_at: Callable[[Array], Array], duration_s: float, rate_hz: float, most_m: float
+    body: SimulatedBody, bones_at: Callable[[Array], Array], duration_s: float, rate_hz: float
 ) -> tuple[Mesh, ColladaSkeleton]:
     """A person's skin and motion. Bones that never move in their parent become one with it: fewer joints, the same skin.
 
@@ -96,7 +91,7 @@ def person_actor(
     moved = body.moved_from_rest(bones_at(np.linspace(0, duration_s, max(2, int(duration_s * rate_hz)))))
     joint_of_bone, kept = _merged(moved, body.bone_parent)
     parent = np.array([-1 if body.bone_parent[b] < 0 else joint_of_bone[body.bone_parent[b]] for b in kept])
-    keys = baked(lambda t_s: bones_at(t_s)[:, kept], parent, duration_s, rate_hz, most_m)
+    t_s, world_from_joint = baked(lambda t_s: bones_at(t_s)[:, kept], parent, duration_s, rate_hz)
     index, weight = _four_weights(joint_of_bone, len(kept), body)
     skeleton = ColladaSkeleton(
         names=tuple(joint_name(body.bone_names[b]) for b in kept),
@@ -104,19 +99,19 @@ def person_actor(
         world_from_joint_rest=body.world_from_bone_rest[kept],
         index=index,
         weight=weight,
-        t_s=keys.t_s,
-        parent_from_joint=in_parent(keys.world_from_joint, parent),
+        t_s=t_s,
+        parent_from_joint=in_parent(world_from_joint, parent),
     )
-    return _reaching(_body_mesh(body), skeleton, keys.world_from_joint)
+    return _reaching(_body_mesh(body), skeleton, world_from_joint)
 
 
 def prop_actor(
-    prop: Prop, texture: str, poses_at: Callable[[Array], Array], duration_s: float, rate_hz: float, most_m: float
+    prop: Prop, texture: str, poses_at: Callable[[Array], Array], duration_s: float, rate_hz: float
 ) -> tuple[Mesh, ColladaSkeleton]:
     """A moving thing: a mesh on one joint; `poses_at` gives its world poses (T, 4, 4). Raises ConfigError, see `baked`."""
     mesh = prop_mesh(prop, texture)
     root = np.array([-1])
-    keys = baked(lambda t_s: poses_at(t_s)[:, None], root, duration_s, rate_hz, most_m)
+    t_s, world_from_joint = baked(lambda t_s: poses_at(t_s)[:, None], root, duration_s, rate_hz)
     # one joint holds every vertex
     weight = np.zeros((len(mesh.vertices), MOST_WEIGHTS))
     weight[:, 0] = 1.0
@@ -126,10 +121,10 @@ def prop_actor(
         world_from_joint_rest=np.eye(4)[None],
         index=np.zeros(weight.shape, np.int64),
         weight=weight,
-        t_s=keys.t_s,
-        parent_from_joint=keys.world_from_joint,
+        t_s=t_s,
+        parent_from_joint=world_from_joint,
     )
-    return _reaching(mesh, skeleton, keys.world_from_joint)
+    return _reaching(mesh, skeleton, world_from_joint)
 
 
 def prop_mesh(prop: Prop, texture: str) -> Mesh:
@@ -193,7 +188,7 @@ def _body_mesh(body: SimulatedBody) -> Mesh:
     group = body.colour_group[body.faces[:, 0]]
     parts = {
         name: (Surface(colour=(float(r), float(g), float(b))), body.faces[group == i])
-        for i, (name, (r, g, b)) in enumerate(zip(body.colour_names, body.colours, strict=True))
+        for i, (name, (r, g, b)) in enumerate(zip(GROUPS, body.colours, strict=True))
     }
     worn = {name: part for name, part in parts.items() if len(part[1])}
     uv = np.zeros((len(body.vertices_rest), 2))

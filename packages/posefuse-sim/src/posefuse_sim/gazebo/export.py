@@ -33,13 +33,12 @@ from posefuse_sim.build import LiveScene, live_scene
 from posefuse_sim.cameras import ListedCameras, SensorSettings, placed_cameras
 from posefuse_sim.exact import prop_truth, truth_with, visible_to_all
 from posefuse_sim.props import StillPath
-from posefuse_sim.render.model import lamp_height_m
 from posefuse_sim.render.textures import png
 from posefuse_sim.scene import Scene, motion_files, write_scene
 
 from .animation import person_actor, prop_actor, prop_mesh
 from .collada import write_collada
-from .world import CameraSensor, Release, StillModel, release_named, room_models, world_text
+from .world import CameraSensor, Release, StillModel, release_named, room_parts, world_text
 
 _COMMAND = "simulate --gazebo"
 _MESHES = "meshes"
@@ -47,8 +46,6 @@ _EXECUTABLE = 0o755
 # at least so many time steps per second of truth: linear interpolation between them is then within 0.1 mm for an acceleration of
 # 50 m/s^2
 _TRUTH_HZ = 240.0
-# how far the animation may be from the true motion between its keys
-_MOST_BETWEEN_KEYS_M = 0.0005
 # longest animation that is baked: one minute of a walk takes about 30 MB
 _MOST_ANIMATION_S = 600.0
 
@@ -124,10 +121,6 @@ def export_world(
         folder = made.folder
         (folder / _MESHES).mkdir()
         actors, keys_hz = _actors(live, shown.rate_hz, folder)
-        models = [
-            *room_models(live.scene.room, live.room_size_m, scene.seed, folder / _MESHES, _MESHES),
-            *_still_props(live, folder),
-        ]
         topics = [ros_name(camera.name) for camera in live.rig]
         sensors = [
             CameraSensor(
@@ -140,10 +133,8 @@ def export_world(
         ]
         text = world_text(
             names,
-            room=live.scene.room,
-            lamp_m=lamp_height_m(live.scene.room, live.room_size_m),
-            boxes=live.boxes,
-            models=models,
+            live,
+            models=_still_models(live, folder),
             actors=actors,
             cameras=sensors,
         )
@@ -180,14 +171,14 @@ def _write_truth(live: LiveScene, folder: Path) -> None:
 
 def _actors(live: LiveScene, rate_hz: float, folder: Path) -> tuple[list[tuple[str, str]], tuple[float, ...]]:
     """Everything that moves, written: name and file of each, and its keys per second."""
-    moving = [(f"person{i}", partial(person_actor, body), _bones(live, i)) for i, body in enumerate(live.bodies)]
+    moving = [(f"person{i}", partial(person_actor, person.body), _bones(live, i)) for i, person in enumerate(live.people)]
     for i, prop in enumerate(live.props):
         if not isinstance(prop.path, StillPath):
             _write_picture(folder, prop.name, prop.texture)
             moving.append((prop.name, partial(prop_actor, prop, f"{prop.name}.png"), _prop_poses(live, i)))
     keys_hz, duration_s = [], live.scene.duration_s
     for name, actor, poses_at in moving:
-        mesh, skeleton = actor(poses_at, duration_s, rate_hz, _MOST_BETWEEN_KEYS_M)
+        mesh, skeleton = actor(poses_at, duration_s, rate_hz)
         keys_hz.append(len(skeleton.t_s) / duration_s)
         write_collada(folder / _mesh_name(name), mesh, skeleton)
     return [(name, _mesh_name(name)) for name, *_ in moving], tuple(keys_hz)
@@ -201,14 +192,19 @@ def _prop_poses(live: LiveScene, i: int) -> Callable[[Array], Array]:
     return lambda t_s: live.prop_poses(t_s)[i].matrix4()
 
 
-def _still_props(live: LiveScene, folder: Path) -> list[StillModel]:
-    models = []
+def _still_models(live: LiveScene, folder: Path) -> list[StillModel]:
+    """Floor, walls and the props that do not move, written."""
+    room = room_parts(live.scene.room, live.room_size_m, live.scene.seed)
+    parts = [(f"room_{name}", name, picture, mesh, SE3.identity()) for name, picture, mesh in room]
     for i, prop in enumerate(live.props):
         if isinstance(prop.path, StillPath):
-            texture = _write_picture(folder, prop.name, prop.texture)
-            write_collada(folder / _mesh_name(prop.name), prop_mesh(prop, f"{prop.name}.png"))
             pose: SE3 = live.prop_poses(np.zeros(1))[i][0]
-            models.append(StillModel(name=prop.name, mesh=_mesh_name(prop.name), texture=texture, world_from_model=pose))
+            parts.append((prop.name, prop.name, prop.texture, prop_mesh(prop, f"{prop.name}.png"), pose))
+    models = []
+    for model, name, picture, mesh, pose in parts:
+        texture = _write_picture(folder, name, picture)
+        write_collada(folder / _mesh_name(name), mesh)
+        models.append(StillModel(name=model, mesh=_mesh_name(name), texture=texture, world_from_model=pose))
     return models
 
 

@@ -12,9 +12,8 @@ is exported as an ideal camera wide enough for all that the lens sees (`core.ide
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
 
@@ -23,15 +22,15 @@ import numpy as np
 from posefuse.core import SE3, Camera, ConfigError
 from posefuse.core.arrays import Array
 from posefuse.core.errors import choices
+from posefuse_sim.build import LiveScene
 from posefuse_sim.render import textures
+from posefuse_sim.render.model import AMBIENT, FILL, FILL_DIRECTIONS, LAMP, lamp_height_m
 from posefuse_sim.surroundings import Box, RoomSettings
 
-from .collada import Mesh, Surface, write_collada
+from .collada import Mesh, Surface
 
 SDF_VERSION = "1.9"
 WORLD = "posefuse"
-# the ambient light and the lamps of `render.model`, as shares of full brightness
-_AMBIENT, _LAMP, _FILL = 0.40, 0.48, 0.27
 _NEAR_M, _FAR_M = 0.05, 80.0
 # of simulation time; images are stamped with multiples of it
 _STEP_S = 0.001
@@ -65,10 +64,8 @@ class StillModel:
 
 def world_text(
     release: Release,
+    live: LiveScene,
     *,
-    room: RoomSettings,
-    lamp_m: float,
-    boxes: Sequence[Box],
     models: Sequence[StillModel],
     actors: Sequence[tuple[str, str]],
     cameras: Sequence[CameraSensor],
@@ -76,15 +73,15 @@ def world_text(
     """The world file.
 
     Args:
-        lamp_m: height of the lamp. actors: name and .dae of each, relative to the world file.
+        live: whose lights and boxes. actors: name and .dae of each, relative to the world file.
     """
     children = [
         # nothing falls or collides: time passes as fast as images are drawn, at most as fast as the clock
         ("physics", {"@name": "steps", "@type": "ignored", "max_step_size": _numbers(_STEP_S), "real_time_factor": "1"}),
         *(("plugin", _plugin(release, *system)) for system in _SYSTEMS),
-        *_lights(room, lamp_m),
+        *_lights(live.scene.room, lamp_height_m(live.scene.room, live.room_size_m)),
         *(("model", _still(model)) for model in models),
-        *(("model", _box(f"occluder{i}", box)) for i, box in enumerate(boxes)),
+        *(("model", _box(f"occluder{i}", box)) for i, box in enumerate(live.boxes)),
         *(("actor", _actor(name, mesh)) for name, mesh in actors),
         *(("model", _camera(sensor)) for sensor in cameras),
     ]
@@ -118,17 +115,14 @@ def _plugin(release: Release, system: str, name: str) -> Content:
 
 
 def _lights(room: RoomSettings, lamp_m: float) -> list[tuple[str, Content]]:
-    ambient, shadows = _grey(_AMBIENT * room.brightness), "true" if room.shadows else "false"
+    ambient, shadows = _grey(AMBIENT * room.brightness), "true" if room.shadows else "false"
     lamp = {
         "pose": f"0.8 -0.6 {_numbers(lamp_m)} 0 0 0",
-        **_shine(_LAMP * room.brightness, shadows, (0.0, 0.0, -1.0)),
+        **_shine(LAMP * room.brightness, shadows, (0.0, 0.0, -1.0)),
         "attenuation": {"range": "100", "constant": "1", "linear": "0", "quadratic": "0"},
         "spot": {"inner_angle": "1.2", "outer_angle": "2.16", "falloff": "0.5"},
     }
-    fills = [
-        {"pose": "0 0 6 0 0 0", **_shine(_FILL * room.brightness, "false", direction)}
-        for direction in ((-0.9, 0.3, -0.35), (0.4, -0.9, -0.25))
-    ]
+    fills = [{"pose": "0 0 6 0 0 0", **_shine(FILL * room.brightness, "false", direction)} for direction in FILL_DIRECTIONS]
     return [
         ("scene", {"ambient": ambient, "background": "0.74 0.76 0.78 1", "shadows": shadows, "grid": "false"}),
         ("light", {"@name": "lamp", "@type": "spot", **lamp}),
@@ -252,24 +246,20 @@ def world_from_link(camera: Camera) -> SE3:
 _UP = np.array([0.0, 0.0, 1.0])
 
 
-def room_models(room: RoomSettings, size_m: tuple[float, float], seed: int, folder: Path, beside_world: str) -> list[StillModel]:
-    """Write floor and walls into `folder`, which the world file calls `beside_world`; the models that show them."""
+def room_parts(room: RoomSettings, size_m: tuple[float, float], seed: int) -> Iterator[tuple[str, Array, Mesh]]:
+    """Floor and walls: name, image and mesh of each; the mesh shows the image file of that name."""
     rng = np.random.default_rng([seed, 32])
-    pictures = {"floor": (textures.floor_picture(room.floor, rng), _floor(size_m))}
-    if room.walls != "none":
-        for i, (corner, along) in enumerate(_walls(size_m)):
-            picture = textures.wall_picture(room.walls, float(np.linalg.norm(along)), room.height_m, rng)
-            pictures[f"wall{i}"] = picture, _rectangle(corner, along, room.height_m * _UP)
-    models = []
-    for name, (picture, (vertices, uv, faces)) in pictures.items():
-        (folder / f"{name}.png").write_bytes(textures.png(picture))
-        normal = np.cross(vertices[1] - vertices[0], vertices[2] - vertices[0])
-        normals = np.tile(normal / np.linalg.norm(normal), (len(vertices), 1))
-        parts = {"picture": (Surface(texture=f"{name}.png"), faces)}
-        write_collada(folder / f"{name}.dae", Mesh(vertices=vertices, normals=normals, uv=uv, parts=parts))
-        file = f"{beside_world}/{name}"
-        models.append(StillModel(name=f"room_{name}", mesh=f"{file}.dae", texture=f"{file}.png", world_from_model=SE3.identity()))
-    return models
+    yield "floor", textures.floor_picture(room.floor, rng), _shown_on("floor", *_floor(size_m))
+    for i, (corner, along) in enumerate(_walls(size_m) if room.walls != "none" else ()):
+        picture = textures.wall_picture(room.walls, float(np.linalg.norm(along)), room.height_m, rng)
+        yield f"wall{i}", picture, _shown_on(f"wall{i}", *_rectangle(corner, along, room.height_m * _UP))
+
+
+def _shown_on(name: str, vertices: Array, uv: Array, faces: Array) -> Mesh:
+    """A flat mesh that shows an image."""
+    normal = np.cross(vertices[1] - vertices[0], vertices[2] - vertices[0])
+    normals = np.tile(normal / np.linalg.norm(normal), (len(vertices), 1))
+    return Mesh(vertices=vertices, normals=normals, uv=uv, parts={"picture": (Surface(texture=f"{name}.png"), faces)})
 
 
 def _floor(size_m: tuple[float, float]) -> tuple[Array, Array, Array]:

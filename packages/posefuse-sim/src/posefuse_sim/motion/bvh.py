@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -26,7 +27,7 @@ def read_bvh(path: Path | str) -> BvhData:
         raise InputError(f"{path}: cannot be read as text ({error})") from None
     tokens = _Tokens(path, text)
     tokens.expect("HIERARCHY")
-    joints = _Joints()
+    joints: list[_Joint] = []
     tokens.expect("ROOT")
     _joint(tokens, joints, tokens.word("a root name"), -1)
     tokens.expect("MOTION")
@@ -37,7 +38,7 @@ def read_bvh(path: Path | str) -> BvhData:
     frame_s = tokens.number("a frame time in seconds")
     if frames < 1 or not frame_s > 0:
         raise InputError(f"{path}: expected at least 1 frame and a frame time > 0 s, got {frames} frames of {frame_s} s")
-    rows = _rows(tokens, path, frames, sum(len(c) for c in joints.channels))
+    rows = _rows(tokens, path, frames, sum(len(joint.channels) for joint in joints))
     return _data(joints, frame_s, rows)
 
 
@@ -80,28 +81,25 @@ class _Tokens:
         raise InputError(f"{self.path}: line {self._line}: expected {expected}, got {short(got)}")
 
 
-class _Joints:
-    def __init__(self) -> None:
-        self.names: list[str] = []
-        self.parents: list[int] = []
-        self.offsets: list[list[float]] = []
-        self.channels: list[list[str]] = []
+@dataclass
+class _Joint:
+    name: str
+    parent: int
+    offset: list[float]
+    channels: Sequence[str] = ()
 
 
-def _joint(tokens: _Tokens, joints: _Joints, name: str, parent: int) -> None:
+def _joint(tokens: _Tokens, joints: list[_Joint], name: str, parent: int) -> None:
     """Read one joint's block and its children's; `name` has been read."""
-    if name in joints.names:
+    if any(joint.name == name for joint in joints):
         raise InputError(f"{tokens.path}: joint {short(name)} appears twice in the hierarchy")
-    here = len(joints.names)
+    here = len(joints)
     tokens.expect("{")
     tokens.expect("OFFSET")
-    joints.names.append(name)
-    joints.parents.append(parent)
-    joints.offsets.append([tokens.number(f"3 numbers after OFFSET of {name}") for _ in range(3)])
-    joints.channels.append([])
+    joints.append(_Joint(name, parent, [tokens.number(f"3 numbers after OFFSET of {name}") for _ in range(3)]))
     while (word := tokens.word(f"CHANNELS, JOINT, End or '}}' of joint {name}")) != "}":
         if word == "CHANNELS":
-            joints.channels[here] = _channels(tokens, name)
+            joints[here].channels = _channels(tokens, name)
         elif word == "JOINT":
             _joint(tokens, joints, tokens.word("a joint name"), here)
         elif word == "End":
@@ -137,13 +135,13 @@ def _rows(tokens: _Tokens, path: Path, frames: int, channels: int) -> Array:
     return rows
 
 
-def _data(joints: _Joints, frame_s: float, rows: Array) -> BvhData:
-    offset = np.array(joints.offsets)
+def _data(joints: list[_Joint], frame_s: float, rows: Array) -> BvhData:
+    offset = np.array([joint.offset for joint in joints])
     position = [np.tile(one, (len(rows), 1)) for one in offset]
     rotation = [np.tile(np.eye(3), (len(rows), 1, 1)) for _ in offset]
     column = 0
-    for j, channels in enumerate(joints.channels):
-        for channel in channels:
+    for j, joint in enumerate(joints):
+        for channel in joint.channels:
             value, axis = rows[:, column], channel[0]
             if channel.endswith("position"):
                 position[j][:, "XYZ".index(axis)] = value
@@ -152,8 +150,8 @@ def _data(joints: _Joints, frame_s: float, rows: Array) -> BvhData:
                 rotation[j] = rotation[j] @ turns.as_matrix()
             column += 1
     return BvhData(
-        names=tuple(joints.names),
-        parent=np.array(joints.parents),
+        names=tuple(joint.name for joint in joints),
+        parent=np.array([joint.parent for joint in joints]),
         offset=offset,
         frame_s=frame_s,
         rotation=rotation,

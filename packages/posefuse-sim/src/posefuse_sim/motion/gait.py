@@ -126,7 +126,7 @@ class GaitMotion:
             -_TURN_RAD * swing * np.cos(cycle),
         )
         thorax = leaned(base, _LEAN_RAD * swing, -0.35 * drop - 0.9 * inward, _COUNTER_RAD * swing * np.cos(cycle - 0.2))
-        glance = base if not self._ahead else level_axes(self.facing(distance + _GLANCE_AHEAD_M * np.minimum(size, 1)))
+        glance = level_axes(self.facing(distance + _GLANCE_AHEAD_M * np.minimum(size, 1)))
         return pelvis, thorax, leaned(glance, 0.02 + 0.012 * swing * np.cos(2 * cycle), -0.3 * inward)
 
     def _centre(self, t_s: Array, phase: Array, size: Array) -> Array:
@@ -290,9 +290,8 @@ def _tuned_at(gait: GaitMotion, speed_mps: float) -> tuple[float, float]:
     t_s = np.linspace(0.0, 1.0 / (lab.pace.lap_cycles / lab.pace.lap_s), _TUNING_SAMPLES, endpoint=False)
     phase, size = lab.pace.phase(t_s), lab._size(t_s)
     pelvis, *_ = lab._trunk(t_s, phase, size)
-    low, high, lift_m = 0.0, 0.25, _SIDE_LIFT_M
     wanted = np.deg2rad(np.interp(speed_mps, *_KNEE_SWING_DEG))
-    low = _least_lift_m(lab) if gait._ahead else 0.0
+    low, high = (_least_lift_m(lab) if gait._ahead else 0.0), 0.25
     for _ in range(_TUNING_ROUNDS):
         lift_m = (low + high) / 2 if gait._ahead else _SIDE_LIFT_M
         lab = replace(lab, tuning=Tuning(np.zeros(1), np.full(1, leg_m), np.full(1, lift_m), np.zeros(1)))

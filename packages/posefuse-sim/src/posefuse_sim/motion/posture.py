@@ -78,20 +78,15 @@ def _frame(y: Array, z: Array) -> Array:
     return np.stack([np.cross(y, z), y, z], axis=-1)
 
 
-def elevated_arm(thorax: Array, side: str, flexion: Array, adduction: Array, rotation: Array) -> Array:
-    """Upper-arm axes (T, 3, 3) from Cardan ZXY angles in radians against the thorax, mirrored on the left as at the hip."""
-    angles = np.stack(np.broadcast_arrays(flexion, adduction, rotation), axis=-1)
-    return thorax @ rotation_of(f"{side}_hip", angles)
-
-
-def forearm_and_hand(
-    body: SimulatedBody, side: str, upper_arm: Array, flexion: Array | float, pronation: Array
-) -> tuple[Array, Array]:
-    """Forearm and hand axes (T, 3, 3): an elbow angle, a pronation, and the wrist as at rest."""
+def arm_axes(
+    body: SimulatedBody, side: str, upper_arm: Array, flexion: Array | float, pronation: Array | float
+) -> dict[str, Array]:
+    """Upper arm, forearm and hand axes (T, 3, 3): an elbow angle, a pronation, and the wrist as at rest."""
     flexion = np.broadcast_to(flexion, upper_arm.shape[:-2])
     angles = np.stack(np.broadcast_arrays(flexion, 0.0, pronation), axis=-1)
     forearm = upper_arm @ rotation_of(f"{side}_elbow", angles)
-    return forearm, forearm @ body.rest_rotation(f"{side}_forearm", f"{side}_hand")
+    hand = forearm @ body.rest_rotation(f"{side}_forearm", f"{side}_hand")
+    return {f"{side}_upper_arm": upper_arm, f"{side}_forearm": forearm, f"{side}_hand": hand}
 
 
 # how much of the turn from pelvis to thorax, and from thorax to head, each bone in between has made

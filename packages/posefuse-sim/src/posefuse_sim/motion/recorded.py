@@ -34,7 +34,7 @@ from .posture import (
     EASY_PRONATION_RAD,
     SIDES,
     Sampled,
-    forearm_and_hand,
+    arm_axes,
     frame_along,
     lengths_m,
     normal_part,
@@ -352,14 +352,13 @@ def _arm(body: SimulatedBody, points: Points, side: str, thorax: Array) -> Point
     z = thorax[..., 2]
     above = z + np.cross(lifted, z) + np.cross(lifted, np.cross(lifted, z)) / np.maximum(1 + cosine, 1e-6)
     upper_arm = frame_along(upper, _blended(upper, above, normal, sine))
-    bend = np.arctan2(sine, np.sum(upper * lower, axis=-1))
-    forearm, hand = forearm_and_hand(body, side, upper_arm, bend, np.full(len(bend), EASY_PRONATION_RAD))
     if {f"{side}_index", f"{side}_pinky"} <= set(points):
         across = (points[f"{side}_index"] - points[f"{side}_pinky"]) * (1.0 if side == "right" else -1.0)
         hand = frame_along(wrist - _middle(points, f"{side}_index", f"{side}_pinky"), across)
         forearm = frame_along(lower, across)
     else:
         # the bend found and the exact direction differ where the limb is nearly straight
-        forearm = frame_along(lower, forearm[..., 2])
+        bend = np.arctan2(sine, np.sum(upper * lower, axis=-1))
+        forearm = frame_along(lower, arm_axes(body, side, upper_arm, bend, EASY_PRONATION_RAD)[f"{side}_forearm"][..., 2])
         hand = forearm @ body.rest_rotation(f"{side}_forearm", f"{side}_hand")
     return {f"{side}_upper_arm": upper_arm, f"{side}_forearm": forearm, f"{side}_hand": hand}

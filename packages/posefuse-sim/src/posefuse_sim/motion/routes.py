@@ -112,7 +112,6 @@ def _line(path: LinePath) -> Route:
         curvature=np.zeros_like,
         length_m=far,
         loops=False,
-        facing_rad=None,
         ends_m=(0.0, far),
     )
 
@@ -136,15 +135,11 @@ def _sideways(path: BackForthPath) -> Route:
         there = np.minimum(lap, 2 * half - lap)
         return np.asarray(start + _line_progress(there, half, length)[:, None] * ahead)
 
-    def heading(u: Array) -> Array:
-        return np.full_like(u, angle)
-
     return Route(
         place=place,
-        heading=heading,
+        heading=lambda u: np.full_like(u, angle),
         curvature=np.zeros_like,
         length_m=2 * half,
-        loops=True,
         facing_rad=angle + np.pi / 2,
         ends_m=(0.0, half),
     )

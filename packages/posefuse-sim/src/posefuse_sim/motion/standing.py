@@ -17,11 +17,10 @@ from .posture import (
     EASY_PRONATION_RAD,
     SIDES,
     BodyPosture,
+    arm_axes,
     bend_arm,
     bend_leg,
     bones_of,
-    elevated_arm,
-    forearm_and_hand,
     lengths_m,
     unit_vectors,
 )
@@ -131,7 +130,7 @@ class Footing:
         """Axes of thighs, shanks and feet, each (T, 3, 3), for a pelvis at centre (T, 3) with axes (T, 3, 3)."""
         axes: dict[str, Array] = {}
         for side in SIDES:
-            hip = centre + pelvis @ self.hip_offset(side)
+            hip = centre + pelvis @ hip_offset(self.body, side)
             foot = np.broadcast_to(self.feet()[side], pelvis.shape)
             ankle = np.broadcast_to(self.ankles()[side], centre.shape)
             thigh, shank = bend_leg(hip, ankle, foot[..., 0], lengths_m(self.body, side, "leg"))
@@ -152,10 +151,6 @@ class Footing:
         centre[:, 2] = np.minimum(height, self.hip_height_m())
         return base, centre, back
 
-    def hip_offset(self, side: str) -> Array:
-        """(3,) hip centre in pelvis axes, from the middle of both."""
-        return hip_offset(self.body, side)
-
 
 def hip_offset(body: SimulatedBody, side: str) -> Array:
     """(3,) hip centre in pelvis axes, from the middle of both hip centres."""
@@ -168,11 +163,9 @@ def easy_arm(
     body: SimulatedBody, side: str, thorax: Array, flexion: Array | float = 0.0, elbow: Array | float = _EASY_ELBOW_RAD
 ) -> dict[str, Array]:
     """Axes of a relaxed arm."""
-    count = thorax.shape[:-2]
-    flexion = np.broadcast_to(np.asarray(flexion, np.float64), count)
-    upper = elevated_arm(thorax, side, flexion, np.full(count, -_ARM_ASIDE_RAD), np.full(count, 0.15))
-    lower, hand = forearm_and_hand(body, side, upper, elbow, np.full(count, EASY_PRONATION_RAD))
-    return {f"{side}_upper_arm": upper, f"{side}_forearm": lower, f"{side}_hand": hand}
+    # Cardan ZXY angles against the thorax, mirrored on the left as at the hip
+    angles = np.stack(np.broadcast_arrays(flexion, -_ARM_ASIDE_RAD, 0.15), axis=-1)
+    return arm_axes(body, side, thorax @ rotation_of(f"{side}_hip", angles), elbow, EASY_PRONATION_RAD)
 
 
 def straight_up(footing: Footing, count: int) -> tuple[Array, dict[str, Array]]:
@@ -259,9 +252,8 @@ def _tpose(stander: Stander, t_s: Array) -> Stance:
 
 
 def _horizontal_arm(thorax: Array, side: str) -> dict[str, Array]:
-    arm = thorax @ rotation_of(f"{side}_shoulder", np.deg2rad([0.0, 90.0, 0.0]))
     # the elbow's hinge looks up when the palm looks down: turned in by a quarter from palm forward
-    upper = arm @ rotation_of(f"{side}_hip", np.array([0.0, 0.0, 0.0]))
+    upper = thorax @ rotation_of(f"{side}_shoulder", np.deg2rad([0.0, 90.0, 0.0]))
     forearm = upper @ rotation_of(f"{side}_elbow", np.array([0.0, 0.0, np.pi / 2]))
     return {f"{side}_upper_arm": upper, f"{side}_forearm": forearm, f"{side}_hand": forearm}
 
@@ -276,13 +268,12 @@ def _wave(stander: Stander, t_s: Array) -> Stance:
     side = stander.settings.side
     centre, axes = _idle(stander, t_s)
     swing = np.deg2rad(28.0) * np.sin(2 * np.pi * t_s / stander.period_s)
-    still = np.zeros_like(swing)
     # raised in the plane 25 degrees before the shoulders, forearm up: turned out by a quarter
-    shoulder = np.stack([still + np.deg2rad(25), still + np.deg2rad(85) + 0.1 * swing, still - np.deg2rad(85)], axis=-1)
+    angles = np.deg2rad(25), np.deg2rad(85) + 0.1 * swing, -np.deg2rad(85)
+    shoulder = np.stack(np.broadcast_arrays(*angles), axis=-1)
     upper = axes["thorax"] @ rotation_of(f"{side}_shoulder", shoulder)
     elbow = np.deg2rad(80.0) + swing
-    forearm, hand = forearm_and_hand(stander.body, side, upper, elbow, still + np.deg2rad(80))
-    return centre, axes | {f"{side}_upper_arm": upper, f"{side}_forearm": forearm, f"{side}_hand": hand}
+    return centre, axes | arm_axes(stander.body, side, upper, elbow, np.deg2rad(80.0))
 
 
 def _squat(stander: Stander, t_s: Array) -> Stance:
@@ -391,13 +382,11 @@ def _with_wrist_at(stander: Stander, centre: Array, axes: dict[str, Array], want
     thorax = axes["thorax"]
     outward = thorax[..., 2] * (1.0 if side == "right" else -1.0)
     elbow_side = unit_vectors(-thorax[..., 1] * 0.9 + outward * 0.45 - thorax[..., 0] * 0.3)
-    pronation = np.full(len(wanted), _HAND_PRONATION_RAD)
     for _ in range(_GIRDLE_ROUNDS):
         shoulder = _keypoint(body, _standing_posture(centre, axes), f"{side}_shoulder")
         upper, lower = bend_arm(shoulder, wanted, elbow_side, lengths)
         bend = np.arccos(np.clip(np.sum(upper[..., 1] * lower[..., 1], axis=-1), -1, 1))
-        forearm, hand = forearm_and_hand(body, side, upper, bend, pronation)
-        axes = axes | {f"{side}_upper_arm": upper, f"{side}_forearm": forearm, f"{side}_hand": hand}
+        axes = axes | arm_axes(body, side, upper, bend, _HAND_PRONATION_RAD)
     return axes
 
 
@@ -435,8 +424,7 @@ def _reaching_arm(body: SimulatedBody, axes: dict[str, Array], side: str, out: A
     middle = -lengths[0] * upper[..., 1]
     bend = np.arccos(np.clip(np.sum(unit_vectors(wrist - middle) * unit_vectors(middle), axis=-1), -1, 1))
     pronation = EASY_PRONATION_RAD + (_HAND_PRONATION_RAD - EASY_PRONATION_RAD) * out
-    forearm, hand = forearm_and_hand(body, side, upper, bend, pronation)
-    return {f"{side}_upper_arm": upper, f"{side}_forearm": forearm, f"{side}_hand": hand}
+    return arm_axes(body, side, upper, bend, pronation)
 
 
 def _target(seed: int, cycle: int, side: str) -> Array:

@@ -9,6 +9,7 @@ import numpy as np
 from posefuse.core.arrays import Array
 from posefuse.core.se3 import quaternion_product, wxyz_from_matrix, wxyz_from_rotvec
 from posefuse_sim.body import SimulatedBody
+from posefuse_sim.body.body import GROUPS
 from posefuse_sim.build import LiveScene
 from posefuse_sim.props import Prop
 from posefuse_sim.surroundings import RoomSettings
@@ -21,8 +22,9 @@ _SHADOW_PX = 2048
 _SAMPLES = 4
 # so high that its cone reaches the corners
 _LAMP_PER_DIAGONAL = 0.42
-# directions of the two lamps that fill the shadows
-_FILL_DIRECTIONS = ((-0.9, 0.3, -0.35), (0.4, -0.9, -0.25))
+# the ambient light, the lamp and each of those that fill the shadows, as shares of full brightness; directions of the latter
+AMBIENT, LAMP, FILL = 0.40, 0.48, 0.27
+FILL_DIRECTIONS = ((-0.9, 0.3, -0.35), (0.4, -0.9, -0.25))
 _LEAST_WEIGHT = 1e-4
 # how often the cloth pattern repeats per metre
 _CLOTH_PER_M = 2.5
@@ -40,8 +42,8 @@ def render_model(live: LiveScene, largest_wh: tuple[int, int], backend: str) -> 
     scene, room, seed = _Builder(mujoco_with(backend)), live.scene.room, live.scene.seed
     scene.look(room, live.room_size_m, largest_wh)
     scene.picture("cloth", textures.cloth_picture(np.random.default_rng([seed, 31])), specular=0.05, shininess=0.1)
-    for i, body in enumerate(live.bodies):
-        scene.person(i, body)
+    for i, person in enumerate(live.people):
+        scene.person(i, person.body)
     for i, prop in enumerate(live.props):
         scene.prop(f"prop{i}", prop)
     for box in live.boxes:
@@ -68,7 +70,7 @@ class _Builder:
         spec.stat.center, spec.stat.extent = [0, 0, 1], float(np.hypot(*size_m)) / 2
         spec.visual.global_.offwidth, spec.visual.global_.offheight = largest_wh
         spec.visual.quality.offsamples, spec.visual.quality.shadowsize = _SAMPLES, _SHADOW_PX
-        spec.visual.headlight.ambient = [0.40 * room.brightness] * 3
+        spec.visual.headlight.ambient = [AMBIENT * room.brightness] * 3
         spec.visual.headlight.diffuse = spec.visual.headlight.specular = [0, 0, 0]
         spec.add_texture(
             name="sky",
@@ -81,11 +83,11 @@ class _Builder:
         )
         lamp = self._world.add_light(pos=[0.8, -0.6, lamp_height_m(room, size_m)], dir=[0, 0, -1], castshadow=room.shadows)
         lamp.cutoff, lamp.exponent = 62, 0.5
-        lamp.diffuse, lamp.specular = [0.48 * room.brightness] * 3, [0.1] * 3
-        for direction in _FILL_DIRECTIONS:
+        lamp.diffuse, lamp.specular = [LAMP * room.brightness] * 3, [0.1] * 3
+        for direction in FILL_DIRECTIONS:
             fill = self._world.add_light(pos=[0, 0, 6], dir=direction, castshadow=False)
             fill.type = mj.mjtLightType.mjLIGHT_DIRECTIONAL
-            fill.diffuse, fill.specular = [0.27 * room.brightness] * 3, [0, 0, 0]
+            fill.diffuse, fill.specular = [FILL * room.brightness] * 3, [0, 0, 0]
 
     def picture(self, name: str, image: Array, **looks: Any) -> None:
         """A texture (H, W, 3), and a material of the same name that shows it."""
@@ -101,7 +103,7 @@ class _Builder:
         for bone in range(len(body.bone_names)):
             self._world.add_body(name=f"p{i}b{bone}", mocap=True)
         group_of_face = body.colour_group[body.faces[:, 0]]
-        for group, name in enumerate(body.colour_names):
+        for group, name in enumerate(GROUPS):
             faces = body.faces[group_of_face == group]
             if len(faces):
                 self._skin(f"p{i}", name, body, faces, body.colours[group])

@@ -51,26 +51,36 @@ class RenderJob:
     seed: int
 
 
+@dataclass(frozen=True)
+class FrameRun:
+    """Frames `frames` of camera number `camera`.
+
+    Attributes:
+        video: the .mp4 part, or the folder of images. done: the .npz written last, with what was visible.
+    """
+
+    camera: int
+    frames: slice
+    video: Path
+    done: Path
+
+
 @dataclass(frozen=True, eq=False, kw_only=True)
 class RenderTask:
     """A run of F frames of one camera.
 
     Attributes:
-        camera: its place. seq: (F,) numbers of the frames. stamp_ns: (F,) times to write.
-        poses: (F, moments, M, 7). xyz_world: (F, Q, 3). possible: (F, Q).
-        video: the .mp4 part, or the folder of images. done: the .npz written last, with what was visible.
-        depth: the folder for depth images; None from a camera without depth.
+        run: which, and where they are stored. seq: (F,) numbers of the frames. stamp_ns: (F,) times to write.
+        poses: (F, moments, M, 7). xyz_world: (F, Q, 3). possible: (F, Q). depth: the folder for depth images.
     """
 
-    camera: int
+    run: FrameRun
     seq: Array
     stamp_ns: Array
     poses: Array
     xyz_world: Array
     possible: Array
-    video: Path
-    done: Path
-    depth: Path | None
+    depth: Path
 
 
 def render_all(job: RenderJob, tasks: Iterable[RenderTask], processes: int) -> Iterator[int]:
@@ -127,26 +137,26 @@ def _start(job: RenderJob, stop: Event) -> None:
 
 def _render(task: RenderTask) -> int:
     assert _worker is not None
-    job = _worker.job
-    shooter = _worker.shooter(task.camera)
+    job, run = _worker.job, task.run
+    shooter = _worker.shooter(run.camera)
     visible = np.zeros(task.possible.shape, bool)
     with ExitStack() as stack:
         if isinstance(job.record, H264Settings):
-            video = VideoWriter(task.video, job.cameras[task.camera].size_wh, job.rates_hz[task.camera], job.record.crf)
+            video = VideoWriter(run.video, job.cameras[run.camera].size_wh, job.rates_hz[run.camera], job.record.crf)
             write = stack.enter_context(video).write
         else:
-            write = partial(_write_image, task.video, job.record.quality)
+            write = partial(_write_image, run.video, job.record.quality)
         for i, seq in enumerate(task.seq):
             if _worker.stop.is_set():
                 return 0
-            seed = [job.seed, 41, task.camera, int(seq)]
+            seed = [job.seed, 41, run.camera, int(seq)]
             shot = shooter.shoot(task.poses[i], task.xyz_world[i], task.possible[i], job.flesh_m, seed)
             visible[i] = shot.visible
             write(shot.image, int(task.stamp_ns[i]))
-            if task.depth is not None and shot.depth is not None:
+            if shot.depth is not None:
                 write_depth(task.depth, int(task.stamp_ns[i]), shot.depth)
     # written last, and whole or not at all: where it is, the video part is complete
-    write_arrays(task.done, {"visible": visible})
+    write_arrays(run.done, {"visible": visible})
     return len(task.seq)
 
 
