@@ -8,6 +8,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from posefuse.core import SKELETONS, InputError, Recording
+from posefuse.evaluation.biomechanics import write_biomechanics
 from posefuse.formats.bvh import BvhData, write_bvh
 from posefuse.formats.recording import write_recording
 from posefuse.formats.trc import TrcData, write_trc
@@ -237,6 +238,24 @@ def test_result_animates_a_person(tmp_path: Path, body: SimulatedBody, squat: tu
     assert np.allclose(moved.keypoints_world[:, knees, 2], state.keypoints_world[:, knees, 2])
     with pytest.raises(InputError, match="person: no person 3; there are: 4, 9"):
         person(body, kind="result", file=str(tmp_path), person=3)
+
+
+def test_the_skeleton_of_a_report_animates_a_person(tmp_path: Path, body: SimulatedBody, squat, ring_rig) -> None:
+    """The BVH that `posefuse report` writes; knees bend as they did."""
+    times, points = squat
+    files = write_biomechanics(recording(times, {0: points}, ring_rig(2)), tmp_path)
+    [file] = [path for path in files if path.suffix == ".bvh"]
+    state = person(body, kind="bvh", file=str(file)).at(times)
+    bent = [bend_deg(xyz, "left") for xyz in (state.keypoints_world, points)]
+    assert np.ptp(bent[1]) > 40 and np.abs(bent[0] - bent[1]).max() < 5
+
+
+def bend_deg(xyz: np.ndarray, side: str) -> np.ndarray:
+    """(T,) angle between thigh and shank."""
+    hip, knee, ankle = (xyz[:, KEYPOINTS.index(f"{side}_{joint}")] for joint in ("hip", "knee", "ankle"))
+    thigh, shank = knee - hip, ankle - knee
+    cosine = (thigh * shank).sum(axis=-1) / np.linalg.norm(thigh, axis=-1) / np.linalg.norm(shank, axis=-1)
+    return np.rad2deg(np.arccos(cosine))
 
 
 def test_turns_between_frames_are_the_shortest(tmp_path: Path, body: SimulatedBody) -> None:

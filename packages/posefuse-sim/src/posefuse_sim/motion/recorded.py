@@ -48,11 +48,11 @@ _NAMES = {
     "hips": ("hips", "pelvis", "hip", "root"),
     "head": ("head",),
     "thigh": ("{s}upleg", "{s}upperleg", "{s}thigh", "{s}hip"),
-    "shank": ("{s}leg", "{s}lowleg", "{s}lowerleg", "{s}shin", "{s}calf", "{s}knee"),
+    "shank": ("{s}leg", "{s}lowleg", "{s}lowerleg", "{s}shin", "{s}shank", "{s}calf", "{s}knee"),
     "foot": ("{s}foot", "{s}ankle"),
     "upper_arm": ("{s}arm", "{s}uparm", "{s}upperarm", "{s}shldr", "{s}shoulder"),
     "forearm": ("{s}forearm", "{s}lowarm", "{s}lowerarm", "{s}elbow"),
-    "hand": ("{s}hand", "{s}wrist"),
+    "hand": ("{s}hand", "{s}wrist", "{s}forearmend"),
 }
 _CHILD = {"thigh": "shank", "shank": "foot", "upper_arm": "forearm", "forearm": "hand"}
 # a rest foot that points further down than this does not determine the forward direction
