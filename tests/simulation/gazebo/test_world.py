@@ -19,6 +19,7 @@ from posefuse_ros.camera_info import RigLens
 from posefuse_sim.cameras import SensorSettings, rig_from_cameras
 from posefuse_sim.gazebo import export_world
 from posefuse_sim.gazebo.world import CAM_FROM_LINK, CENTRE_PX, pose_text, world_from_link
+from posefuse_sim.props import GroundTile
 from posefuse_sim.render.model import render_model
 from posefuse_sim.render.shot import CameraShooter
 from posefuse_sim.render.stage import RenderStage
@@ -181,6 +182,14 @@ def test_fortress_has_names_of_its_own(scene, tmp_path, libsdformat):
         assert f'name="{prefix}::' in text and f'filename="{prefix}-' in text
         assert f"{prefix}.msgs.Image" in (world.folder / "bridge.yaml").read_text()
         assert libsdformat(world.folder / "world.sdf") is not None
+
+
+def test_a_prop_called_floor_is_not_the_floor(scene, tmp_path):
+    [tile] = [prop for prop in scene.props if isinstance(prop, GroundTile)]
+    scene = dataclasses.replace(scene, people=(), props=(dataclasses.replace(tile, name="floor"),))
+    world = export_world(scene, tmp_path / "world").folder / "world.sdf"
+    read = [mesh.text for mesh in ElementTree.parse(world).iter("uri") if mesh.text.endswith(".dae")]
+    assert len(read) == len({*read}) > 1
 
 
 def test_what_cannot_be_is_refused_in_one_line(scene, tmp_path):

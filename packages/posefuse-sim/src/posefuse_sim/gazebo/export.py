@@ -195,16 +195,16 @@ def _prop_poses(live: LiveScene, i: int) -> Callable[[Array], Array]:
 def _still_models(live: LiveScene, folder: Path) -> list[StillModel]:
     """Floor, walls and the props that do not move, written."""
     room = room_parts(live.scene.room, live.room_size_m, live.scene.seed)
-    parts = [(f"room_{name}", name, picture, mesh, SE3.identity()) for name, picture, mesh in room]
+    parts = [(*part, SE3.identity()) for part in room]
     for i, prop in enumerate(live.props):
         if isinstance(prop.path, StillPath):
             pose: SE3 = live.prop_poses(np.zeros(1))[i][0]
-            parts.append((prop.name, prop.name, prop.texture, prop_mesh(prop, f"{prop.name}.png"), pose))
+            parts.append((prop.name, prop.texture, prop_mesh(prop, f"{prop.name}.png"), pose))
     models = []
-    for model, name, picture, mesh, pose in parts:
+    for name, picture, mesh, pose in parts:
         texture = _write_picture(folder, name, picture)
         write_collada(folder / _mesh_name(name), mesh)
-        models.append(StillModel(name=model, mesh=_mesh_name(name), texture=texture, world_from_model=pose))
+        models.append(StillModel(name=name, mesh=_mesh_name(name), texture=texture, world_from_model=pose))
     return models
 
 

@@ -249,10 +249,10 @@ _UP = np.array([0.0, 0.0, 1.0])
 def room_parts(room: RoomSettings, size_m: tuple[float, float], seed: int) -> Iterator[tuple[str, Array, Mesh]]:
     """Floor and walls: name, image and mesh of each; the mesh shows the image file of that name."""
     rng = np.random.default_rng([seed, 32])
-    yield "floor", textures.floor_picture(room.floor, rng), _shown_on("floor", *_floor(size_m))
+    yield "room_floor", textures.floor_picture(room.floor, rng), _shown_on("room_floor", *_floor(size_m))
     for i, (corner, along) in enumerate(_walls(size_m) if room.walls != "none" else ()):
         picture = textures.wall_picture(room.walls, float(np.linalg.norm(along)), room.height_m, rng)
-        yield f"wall{i}", picture, _shown_on(f"wall{i}", *_rectangle(corner, along, room.height_m * _UP))
+        yield f"room_wall{i}", picture, _shown_on(f"room_wall{i}", *_rectangle(corner, along, room.height_m * _UP))
 
 
 def _shown_on(name: str, vertices: Array, uv: Array, faces: Array) -> Mesh:
