@@ -1,5 +1,6 @@
 """A camera that was moved, lags or fits nothing is named from a recording's own detections, those left out too."""
 
+import tracemalloc
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 
@@ -44,6 +45,17 @@ def test_a_good_recording_has_no_findings_and_a_moved_camera_one(walk: Walk) -> 
     _, found = checked_rig(recording_of(rig, xyz, moved, t_s), rig)
     assert [(one.kind, one.cameras) for one in found] == [("moved", ("cam02",))]
     assert 7 < found[0].t_ns / 1e9 < 12
+
+
+def test_a_long_recording_is_looked_at_without_a_copy_of_it(walk: Walk) -> None:
+    rig, _, xyz, xy = walk
+    long = recording_of(rig, np.repeat(xyz, 30, axis=0), np.repeat(xy, 30, axis=0), np.arange(30 * len(xyz)) / 600)
+    tracemalloc.start()
+    try:
+        checked_rig(long, rig)
+        assert tracemalloc.get_traced_memory()[1] < long.poses.cov_world.nbytes / 2
+    finally:
+        tracemalloc.stop()
 
 
 @pytest.mark.parametrize("seconds", [1.7, 14.0])

@@ -5,7 +5,6 @@ from __future__ import annotations
 import dataclasses
 import itertools
 import warnings
-from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import closing
 from pathlib import Path
@@ -322,11 +321,12 @@ def others_seen(observations: Observations, settings: AssociateSettings) -> dict
     """By camera, the most people that one search of a whole image found besides those of the result; none: left out."""
     most: dict[str, int] = {}
     frame = observations.detection_frame[observations.person_id != NOT_KEPT]
-    kept = Counter(zip(observations.frame_step[frame].tolist(), observations.frame_camera[frame].tolist(), strict=True))
+    kept = np.zeros((len(observations.step_t_ns), len(observations.camera_names)), int)
+    np.add.at(kept, (observations.frame_step[frame], observations.frame_camera[frame]), 1)
     for i in np.flatnonzero(observations.frame_look == LookKind.SEARCH).tolist():
         found = observations.detections(i)
         bodies = ~duplicates(found, settings.duplicate_share) & (found.score > 0).any(axis=1)
-        more = int(bodies.sum()) - kept[int(observations.frame_step[i]), int(observations.frame_camera[i])]
+        more = int(bodies.sum() - kept[observations.frame_step[i], observations.frame_camera[i]])
         if more > 0:
             most[found.camera] = max(most.get(found.camera, 0), more)
     return most
