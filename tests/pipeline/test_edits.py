@@ -187,6 +187,11 @@ def test_from_the_shell_marks_and_options_are_used_together(
     assert main([*line[:2], "--no-edits", "--outputs", "csv", "--out", str(tmp_path / "plain")]) == 0
     assert_same_poses(read_recording(tmp_path / "plain"), recording)
     assert main(line) == 1  # a result that is there is never replaced in silence
+    capsys.readouterr()
+    write_edits(result, Edits())
+    assert main([*line[:2], "--outputs", "csv", "--out", str(tmp_path / "all")]) == 0
+    assert "left out" not in capsys.readouterr().err
+    assert_same_poses(read_recording(tmp_path / "all"), recording)
 
 
 @pytest.mark.parametrize(
