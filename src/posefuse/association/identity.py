@@ -221,15 +221,8 @@ def persons_at(names: Iterable[Named], tracks: Array, t_ns: Array) -> Array:
 def with_persons(pose: Pose3D, persons: Sequence[int]) -> Pose3D:
     """The same pose with other ids (N,), in their order; people that are `UNNAMED` are left out."""
     rows = sorted((row for row, person in enumerate(persons) if person != UNNAMED), key=lambda row: persons[row])
-    return replace(
-        pose,
-        person_id=np.array([persons[row] for row in rows], np.int64),
-        xyz_world=pose.xyz_world[rows],
-        cov_world=pose.cov_world[rows],
-        reproj_px=pose.reproj_px[rows],
-        n_views=pose.n_views[rows],
-        kind=pose.kind[rows],
-    )
+    people = pose.people(np.array(rows, np.int64))
+    return replace(people, person_id=np.array([persons[row] for row in rows], np.int64))
 
 
 def _unused(people: Mapping[int, Traits]) -> range:

@@ -133,6 +133,11 @@ class PoseSequence:
         arrays = {name: getattr(self, name)[i] for name in _POSE_AXES if name != "person_id"}
         return Pose3D(t_ns=int(self.t_ns[i]), skeleton=self.skeleton, person_id=self.person_id, **arrays)
 
+    def part(self, steps: slice) -> PoseSequence:
+        """These time steps only."""
+        arrays: dict[str, Any] = {name: getattr(self, name)[steps] for name in _POSE_AXES if name != "person_id"}
+        return replace(self, t_ns=self.t_ns[steps], **arrays)
+
     def people(self, which: Array | slice) -> PoseSequence:
         """These people only: `which` is (N,) bool, or their places on axis N in the order wanted."""
         arrays: dict[str, Any] = {name: getattr(self, name)[:, which] for name in _POSE_AXES if name != "person_id"}

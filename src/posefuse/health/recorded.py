@@ -53,7 +53,7 @@ def checked_rig(recording: Recording, rig: Rig) -> tuple[dict[str, CameraFit], l
     person, poses, log = np.arange(len(seen)) == seen.argmax(), recording.poses, recording.observations
     period_s = float(np.median(np.diff(poses.t_ns))) / 1e9 if len(poses) > 1 else _EVERY_S
     step = max(1, round(_EVERY_S / period_s))
-    poses = PoseSequence.from_poses([poses.at(i).people(person) for i in range(0, len(poses), step)])
+    poses = poses.part(slice(None, None, step)).people(person)
     log = log.only(log.frame_step % step == 0)
     log = replace(log, step_t_ns=log.step_t_ns[::step], frame_step=log.frame_step // step)
     views = _views_of_person(log, poses, recording.rig)
