@@ -154,6 +154,31 @@ def test_noise_on_a_straight_leg_does_not_reach_the_turn(posed):
     assert np.abs(turn[carried] - 10).max() < 3 * np.nanmax(sigma[carried])
 
 
+@pytest.mark.parametrize(("limb", "seconds"), [("left_elbow", 4), ("right_knee", 4)])
+def test_a_plane_that_is_the_wrong_way_round_is_found_in_points_too_uncertain_to_show_it_at_once(posed, limb, seconds):
+    """Bent backwards at first, which no human can: its plane is then taken as the wrong way round."""
+    frames = [{limb: (-80.0 if i < 5 else 25.0, 0, 0)} for i in range(30 * seconds)]
+    clear, uncertain = posed(frames, sigma_m=0.002), posed(frames, sigma_m=0.03)
+    cov = np.where((np.arange(len(clear)) < 5)[:, None, None, None, None], clear.cov_world, uncertain.cov_world)
+    tracker = JointTracker(clear.skeleton)
+    flexion = [degrees_of(tracker.step(one), limb)[0] for one in map(replace(clear, cov_world=cov).at, range(len(clear)))]
+    assert flexion[10] < -15
+    np.testing.assert_allclose(flexion[-30:], 25, atol=1)
+
+
+def test_a_straight_limb_keeps_its_plane_among_errors_that_last(posed):
+    rng = np.random.default_rng(6)
+    frames = [{"left_elbow": (60.0 if i < 30 else 5.0, 0, 0)} for i in range(1800)]
+    clean, error, lasts = posed(frames, sigma_m=0.03), np.zeros((33, 3)), np.exp(-1 / 6)
+    tracker, flexion = JointTracker(clean.skeleton), []
+    for i in range(len(clean)):
+        error = lasts * error + np.sqrt(1 - lasts**2) * rng.normal(size=error.shape)
+        one = clean.at(i)
+        flexion.append(degrees_of(tracker.step(replace(one, xyz_world=one.xyz_world + 0.03 * error)), "left_elbow")[0])
+    # turned round, it would be -5
+    assert np.nanmean(flexion[60:]) > 2
+
+
 def test_live_equals_recorded_when_the_planes_are_clear(posed):
     frames = [{**BENT, "left_knee": (40 + i, 0, 0)} for i in range(20)]
     sequence = posed(frames, sigma_m=1e-6)

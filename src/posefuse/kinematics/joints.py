@@ -190,7 +190,7 @@ class FrameBuffers:
         repeats = max(1.0, _HINGE_MEMORY_S / max(abs(elapsed_s), 1e-3))
         kernels.step_planes(
             self.points, self.points_cov, LIMB_POINTS, LIMB_BEND, LIMB_PARENT, SEGMENT_PAIRS, SEGMENT_AXES, memory, grown,
-            self.settings.hinge_play_rad**2 * repeats, self.expected, self.updated,
+            self.settings.hinge_play_rad**2, repeats, self.expected, self.updated,
         )  # fmt: skip
 
     def solve(self, planes: Array) -> None:

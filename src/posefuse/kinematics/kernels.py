@@ -230,29 +230,42 @@ def quaternions(rotation, wxyz):
             wxyz[n, i] *= sign / norm
 
 
-# rows of a plane memory: z and y in parent axes, z and y in world axes, variance
-MEMORY_SIZE = 13
+# a plane memory: z and y in parent axes, z and y in world axes, variance, evidence that the limb bends the other way round
+MEMORY_SIZE = 14
 # a plane: normal z, variance of its turn; variance of the plane seen now, and the part of that due to the points
 PLANE_SIZE = 6
 UNKNOWN_VAR = 1.0  # rad^2 of a plane guessed from the parent's Z axis
+# sine of the angle to which a knee or elbow may be bent beyond straight
+_HYPEREXTENDED = 0.2
+# log of the odds at which a plane counts as the wrong way round: 100 to 1
+WRONG_WAY_ROUND = 4.6
+# what an independent look at a limb has to say more than this, so that noise of a straight limb never adds up
+_EVIDENCE_LOST = 0.5
 
 
 @kernel()
 def step_planes(
-    points, points_cov, limb_points, bends, parents, pairs, axes, memory, grown_var, hinge_var, expected, updated
+    points, points_cov, limb_points, bends, parents, pairs, axes, memory, grown_var, hinge_var, repeats, expected,
+    updated,
 ):  # fmt: skip
-    """`plane_step` of every limb; `memory` (L, MEMORY_SIZE), `expected` and `updated` (L, PLANE_SIZE)."""
+    """`plane_step` of every limb; `memory` (L, MEMORY_SIZE), `expected` and `updated` (L, PLANE_SIZE).
+
+    repeats: time steps over which errors of a hinge and of points last.
+    """
     parent = np.empty((3, 3))
     by_first = np.empty((3, 3))
     by_second = np.empty((3, 3))
     for i in range(limb_points.shape[0]):
         s = parents[i]
         free_frame(points, pairs[s], axes[s, 0], axes[s, 1], parent, by_first, by_second)
-        plane_step(points, points_cov, limb_points[i], bends[i], parent, memory[i], grown_var, hinge_var, expected[i], updated[i])
+        plane_step(
+            points, points_cov, limb_points[i], bends[i], parent, memory[i], grown_var, hinge_var, repeats, expected[i],
+            updated[i],
+        )  # fmt: skip
 
 
 @kernel()
-def plane_step(points, points_cov, limb, bend, parent, memory, grown_var, hinge_var, expected, updated):
+def plane_step(points, points_cov, limb, bend, parent, memory, grown_var, hinge_var, repeats, expected, updated):
     """One step of a limb's plane filter; writes the plane (6,) before and after the new points, and the memory."""
     expected[:] = np.nan
     updated[:] = np.nan
@@ -269,7 +282,12 @@ def plane_step(points, points_cov, limb, bend, parent, memory, grown_var, hinge_
         z, var = _first_plane(points, limb, bend, y)
         if math.isnan(var):
             return
-    turn, seen_var, points_var = _seen_turn(points, points_cov, limb, bend, y, z, hinge_var)
+    before = 0.0 if math.isnan(memory[13]) else memory[13]
+    memory[13] = evidence_against(points, points_cov, limb, bend, y, z, repeats, before)
+    if memory[13] > WRONG_WAY_ROUND:
+        z = -z
+        memory[13] = 0.0
+    turn, seen_var, points_var = _seen_turn(points, points_cov, limb, bend, y, z, hinge_var * repeats)
     if seen_var < np.inf:
         gain = var / (var + seen_var) if var + seen_var > 0.0 else 1.0
         # a limb bent the other way round than expected: the plane was wrong, not the measurement
@@ -319,6 +337,39 @@ def _followed(z, y_before, y):
 
 
 @kernel()
+def evidence_against(points, points_cov, limb, bend, y, z, repeats, evidence):
+    """Log of the odds that a limb bends the other way round than its plane z has it, with what these points add to `evidence`.
+
+    How far the lower end lies forward has a Gaussian error; a limb can be bent from `_HYPEREXTENDED` on. So the odds of both
+    signs are known, and add up over time, from 0 (Page, Continuous inspection schemes, Biometrika 41, 1954).
+    """
+    middle = points[limb[1]]
+    upper = points[limb[0]] - middle
+    lower = bend * (points[limb[2]] - middle)
+    if math.isnan(lower[0]) or math.isnan(upper[0]):
+        return evidence
+    x = cross(y, z)
+    ratio = bend * dot(lower, y) / math.sqrt(dot(upper, upper))
+    sigma = math.sqrt(_end_variance(points_cov, limb, ratio, x))
+    slack, forward = _HYPEREXTENDED * math.sqrt(dot(lower, lower)), dot(lower, x)
+    more = _log_below((slack - forward) / sigma) - _log_below((slack + forward) / sigma) - _EVIDENCE_LOST
+    return max(evidence + more / repeats, 0.0)
+
+
+@kernel()
+def _log_below(z):
+    """Log of the probability that a standard normal variable is below z."""
+    return math.log(0.5 * math.erfc(-max(z, -30.0) / math.sqrt(2.0)))
+
+
+@kernel()
+def _end_variance(points_cov, limb, ratio, direction):
+    """Variance, along a direction, of the lower end of a limb seen from its upper segment."""
+    out = variance(points_cov[limb[2]], direction) + variance(points_cov[limb[1]], direction) * (1.0 - ratio) ** 2
+    return out + variance(points_cov[limb[0]], direction) * ratio**2
+
+
+@kernel()
 def _seen_turn(points, points_cov, limb, bend, y, z, hinge_var):
     """Turn about y from the expected plane to the seen one, its variance, and the part of it due to the points."""
     middle = points[limb[1]]
@@ -334,16 +385,14 @@ def _seen_turn(points, points_cov, limb, bend, y, z, hinge_var):
         return 0.0, np.inf, 0.0
     normal = cross(lower, y) / breadth
     ratio = bend * dot(lower, y) / length
-    spread = variance(points_cov[limb[2]], normal)
-    spread += variance(points_cov[limb[1]], normal) * (1.0 - ratio) ** 2
-    spread += variance(points_cov[limb[0]], normal) * ratio**2
+    spread = _end_variance(points_cov, limb, ratio, normal)
     points_var = spread / (breadth * breadth)
     spread += hinge_var * dot(lower, lower)
     relative = spread / (breadth * breadth)
     # near straight the seen breadth is mostly noise: count it out smoothly, so that nothing jumps
     var = relative * (1.0 + (9.0 * relative) ** 2)
     turn = math.atan2(-side, forward)
-    hyperextended = breadth < 0.2 * math.sqrt(dot(lower, lower)) + 3.0 * math.sqrt(spread)
+    hyperextended = breadth < _HYPEREXTENDED * math.sqrt(dot(lower, lower)) + 3.0 * math.sqrt(spread)
     if abs(turn) > 0.5 * math.pi and hyperextended:
         turn -= math.copysign(math.pi, turn)
     return turn, var, points_var

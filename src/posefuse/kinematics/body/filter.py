@@ -8,12 +8,14 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from posefuse.core.arrays import Array
-from posefuse.kinematics.definitions import SEGMENT_NAMES
+from posefuse.kinematics import kernels
+from posefuse.kinematics.definitions import POINTS, SEGMENT_NAMES
 from posefuse.kinematics.joints import FrameBuffers
 from posefuse.kinematics.settings import BodySettings
+from posefuse.kinematics.sides import SIDES
 
 from . import fit_kernels, tree_kernels
-from .model import HABIT_S, SLACK_S, BodyModel, Packed, packed_from_body
+from .model import HABIT_S, SLACK_S, BodyModel, Packed, landmark_rows, packed_from_body
 from .tree import BALL, NODE_SEGMENT
 
 # A first state of a body, straight from where its keypoints are.
@@ -126,6 +128,48 @@ class FilteredStep:
     transition: tuple[Array, Array, Array] | None
 
 
+class _Arms:
+    """The arms of one body; remembers what speaks against the side to which each elbow is bent.
+
+    An elbow that is held at its end of motion while its points are bent the other way round is a minimum that a filter does not
+    leave: the upper arm is turned by 180 deg about its own axis. Legs have none, because hips have limits, too.
+    """
+
+    def __init__(self, body: BodyModel, packed: Packed) -> None:
+        self._tree, names, rows = packed.tree, [node.name for node in body.nodes], landmark_rows(body)[:, 0]
+        self._arms = []
+        for side in SIDES:
+            nodes = [f"{side}_{part}" for part in ("shoulder", "carrying", "elbow", "pronation")]
+            points = rows[[POINTS.index(f"{side}_{point}") for point in ("shoulder", "elbow", "wrist")]]
+            if set(nodes) <= set(names) and (points >= 0).all():
+                self._arms.append(([names.index(node) for node in nodes], points))
+        self._against = [0.0] * len(self._arms)
+        self._frame, self._origin = np.empty((len(names), 3, 3)), np.empty((len(names), 3))
+
+    def turned(self, state: State, seen: Measurement, repeats: float) -> State | None:
+        """The state with those arms turned that must be the wrong way round; None if there are none."""
+        tree, size = self._tree, len(state.velocity)
+        tree_kernels.forward_kinematics(
+            tree.parent, tree.kind, tree.axis, tree.offset, state.q, state.rot, self._frame, self._origin
+        )
+        q, rot, sign = state.q.copy(), state.rot.copy(), np.ones(2 * size)
+        for i, ((upper, carrying, elbow, pronation), points) in enumerate(self._arms):
+            _, y, z = self._frame[upper].T.copy()
+            against = kernels.evidence_against(seen.xyz, seen.cov, points, 1, y, z, repeats, self._against[i])
+            self._against[i] = against if against <= kernels.WRONG_WAY_ROUND else 0.0
+            if against > kernels.WRONG_WAY_ROUND:
+                rot[upper] = rot[upper] @ np.diag([-1.0, 1.0, -1.0])
+                q[carrying], q[elbow] = -q[carrying], -q[elbow]
+                # the hand stays as it is
+                q[pronation] -= np.copysign(np.pi, q[pronation] - tree.limits[pronation, 0].mean())
+                at = tree.dof[upper]
+                negated = [at, at + 2, tree.dof[carrying], tree.dof[elbow]]
+                sign[negated], sign[np.add(negated, size)] = -1.0, -1.0
+        if (sign > 0).all():
+            return None
+        return State(q, rot, sign[size:] * state.velocity, sign[:, None] * state.cov * sign)
+
+
 class BodyFilter:
     """Follows one body. Remembers the last state; forgets it after a second without any measurement."""
 
@@ -143,7 +187,14 @@ class BodyFilter:
         if self._last is not None and (seen.t_ns - self._seen_ns) * 1e-9 > _LOST_S:
             self._last = None
         seen, information = self._with_contacts(seen, information)
-        filtered = self._start(seen, information) if self._last is None else self._next(self._last, seen, information)
+        if self._last is None:
+            filtered = self._start(seen, information)
+        else:
+            filtered = self._next(self._last, seen, information)
+            repeats = self._repeats((seen.t_ns - self._last.t_ns) * 1e-9)
+            if self.settings.joint_limits and (turned := self._arms.turned(filtered.state, seen, repeats)):
+                # the smoother stops here: before, the arm was the wrong way round
+                filtered = FilteredStep(seen.t_ns, turned, None, None)
         self._last = filtered
         if usable.any():
             self._seen_ns = seen.t_ns
@@ -165,6 +216,7 @@ class BodyFilter:
         return max(1.0, self.settings.noise_memory_s / elapsed_s)
 
     def _start(self, seen: Measurement, information: Array) -> FilteredStep | None:
+        self._arms = _Arms(self.body, self.packed)
         guess = guessed_state(self.body, self.packed, self._workspace, seen.xyz)
         if guess is None:
             return None
