@@ -114,6 +114,13 @@ def test_videos_of_a_live_session_are_on_the_time_of_its_recording(tmp_path: Pat
             abs(step.t_ns - t_ns) < PERIOD_NS and abs(np.median(image_of(step.jpeg)) - grey(1, round(t_ns / PERIOD_NS) + 3)) < 4
         )
     assert session_with_videos(recording, path, tmp_path / "other") is None
+    # files of other formats are drawn on them, too
+    drawn = {}
+    for place in (tmp_path, tmp_path / "other"):
+        [file], _ = replace(recording, path=path).export(tmp_path / f"drawn{len(drawn)}", ["overview"], within=place)
+        drawn[place] = np.median(image_of(file.read_bytes())[: SIZE_WH[1] // 2, : SIZE_WH[0] // 2])
+    assert any(abs(drawn[tmp_path] - grey(0, i)) < 4 for i in range(COUNT))
+    assert drawn[tmp_path] - drawn[tmp_path / "other"] > 20
 
 
 def test_videos_of_another_time_or_unfinished_ones_are_not_those_of_the_recording(tmp_path: Path, ring_rig) -> None:

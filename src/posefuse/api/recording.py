@@ -242,12 +242,13 @@ class Recording(core.Recording):
 
     def _session(self, folder: str | Path | None, within: str | Path | None = None) -> Session | None:
         """The session that it was made from, where that is named or near."""
-        from posefuse.pipeline.writing import nearby_session, session_of_recording
+        from posefuse.pipeline.writing import session_of_recording
+
+        from .playback import session_with_videos
 
         if folder is not None:
             return session_of_recording(self, Path(folder))
-        near = self.path is not None and not (within is not None and self.is_live)
-        return nearby_session(self, self.path, None if within is None else Path(within)) if self.path and near else None
+        return None if self.path is None else session_with_videos(self, self.path, None if within is None else Path(within))
 
     def playback(self, *, within: str | Path | None = None) -> Playback[Recording]:
         """What each camera saw at any time as a small image, from the videos that it was made from; use as a context manager.
@@ -261,10 +262,9 @@ class Recording(core.Recording):
             ...     seen = playback.at("cam01", t_ns=1_500_000_000, width_px=640)
             >>> seen.jpeg, seen.detected_px, seen.projected_px  # doctest: +SKIP
         """
-        from .playback import Playback, session_with_videos
+        from .playback import Playback
 
-        place = None if within is None else Path(within)
-        return Playback(self, None if self.path is None else session_with_videos(self, self.path, place))
+        return Playback(self, self._session(None, within))
 
     @property
     def edits(self) -> Edits:
