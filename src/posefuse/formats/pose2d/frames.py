@@ -13,7 +13,7 @@ import numpy as np
 
 from posefuse.core import Detections2D, InputError, Skeleton
 from posefuse.core.arrays import Array
-from posefuse.core.values import NO_TRACK
+from posefuse.core.values import NO_TRACK, keypoint_boxes
 from posefuse.foundation.parsing import parse_json, read_text
 
 # a keypoint's noise grows with the person's size in the image: this part of the box diagonal at score 1, as 1 / score below
@@ -83,8 +83,8 @@ class Pose2DFrames:
         if len(points) > _MOST_PEOPLE:
             raise InputError(f"{where}: expected at most {_MOST_PEOPLE} people, got {len(points)}")
         check_distance(points, where)
-        shown = _shown(points)
-        return _detections(self.camera, t_ns, self.skeleton, People2D(points[shown], people.track_id[shown]))
+        everybody = _detections(self.camera, t_ns, self.skeleton, people)
+        return everybody.people((everybody.score > 0).any(-1))
 
     def frames(self, rate_hz: float) -> Iterator[Detections2D]:
         """All frames in order, each stamped with its number at this rate."""
@@ -128,21 +128,11 @@ def frame_number(name: str, where: str) -> int:
     return int(numbers[-1])
 
 
-def _shown(points: Array) -> Array:
-    """(P,) bool: who has any keypoint."""
-    score = np.nan_to_num(points[..., 2])
-    return np.asarray(((score > 0) & np.isfinite(points[..., :2]).all(-1)).any(-1))
-
-
 def _detections(camera: str, t_ns: int, skeleton: Skeleton, people: People2D) -> Detections2D:
-    points = people.points
-    if not len(points):
-        return Detections2D.empty(camera, t_ns, skeleton)
-    score = np.clip(np.nan_to_num(points[..., 2]), 0, 1)
-    xy = np.where(score[..., None] > 0, points[..., :2], np.nan)
-    score = np.where(np.isfinite(xy).all(-1), score, 0.0)
+    xy = people.points[..., :2]
+    score = np.where(np.isfinite(xy).all(-1), np.clip(np.nan_to_num(people.points[..., 2]), 0, 1), 0.0)
     xy = np.where(score[..., None] > 0, xy, np.nan)
-    box = np.concatenate([np.nanmin(xy, axis=1), np.nanmax(xy, axis=1)], axis=-1)
+    box = keypoint_boxes(xy, score)
     return Detections2D(
         camera=camera,
         t_ns=t_ns,
