@@ -9,6 +9,7 @@ import zipfile
 import zlib
 from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -50,7 +51,7 @@ def read_arrays(path: Path) -> dict[str, Array]:
         raise InputError(f"{path}: not an .npz file that can be read ({one_line(error)})") from None
 
 
-def write_arrays(path: Path, arrays: Mapping[str, Array]) -> None:
+def write_arrays(path: Path, arrays: Mapping[str, Any]) -> None:
     """Write named arrays as .npz whose bytes depend on nothing but them; raises InputError when that fails."""
     try:
         with atomic_file(path) as staged:

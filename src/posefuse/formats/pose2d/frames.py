@@ -84,7 +84,7 @@ class Pose2DFrames:
             raise InputError(f"{where}: expected at most {_MOST_PEOPLE} people, got {len(points)}")
         check_distance(points, where)
         everybody = _detections(self.camera, t_ns, self.skeleton, people)
-        return everybody.people((everybody.score > 0).any(-1))
+        return everybody.people(np.flatnonzero((everybody.score > 0).any(-1)))
 
     def frames(self, rate_hz: float) -> Iterator[Detections2D]:
         """All frames in order, each stamped with its number at this rate."""
