@@ -13,7 +13,7 @@ from posefuse.core import SKELETONS, InputError, Skeleton
 from posefuse.core.arrays import Array
 from posefuse.foundation.parsing import short
 
-from .frames import People2D, Pose2DFrames, check_distance, frame_number, read_json
+from .frames import UNTRACKED, People2D, Pose2DFrames, check_distance, frame_number, read_json
 from .keypoint_sets import BODY_POINTS, in_coco17_order, skeleton_of_count
 
 NAME = "openpose"
@@ -120,4 +120,4 @@ def _people(path: Path, skeleton: Skeleton) -> People2D:
     for person in people:
         if len(person) != len(skeleton):
             raise InputError(f"{path}: expected {len(skeleton)} keypoints ({skeleton.name}), got a person with {len(person)}")
-    return People2D.of(people, None, len(skeleton))
+    return People2D.of([(person, UNTRACKED) for person in people], len(skeleton))
