@@ -32,11 +32,6 @@ def fits(path: Path) -> bool:
     return isinstance(content, dict) and isinstance(content.get("people"), list)
 
 
-def read(path: Path, camera: str, skeleton: Skeleton | None = None) -> Pose2DFrames:
-    """A folder of OpenPose JSON files, see `read_openpose_folder`."""
-    return read_openpose_folder(path, camera, skeleton)
-
-
 def read_openpose_folder(folder: Path, camera: str, skeleton: Skeleton | None = None) -> Pose2DFrames:
     """Understand a folder of OpenPose JSON files.
 
@@ -63,6 +58,9 @@ def read_openpose_folder(folder: Path, camera: str, skeleton: Skeleton | None = 
     numbers, ordered = zip(*numbered, strict=True)
     chosen = skeleton or _skeleton_of(folder, camera, ordered)
     return Pose2DFrames(camera, NAME, chosen, numbers, lambda place: _people(ordered[place], chosen))
+
+
+read = read_openpose_folder
 
 
 def body_order(folders: Iterable[Path]) -> Skeleton | None:
