@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Annotated
@@ -10,7 +10,7 @@ from typing import Annotated
 import numpy as np
 from annotated_types import Ge
 
-from posefuse.core import ConfigError, Frame, Region
+from posefuse.core import ConfigError, Frame, Progress, Region, silent
 from posefuse.core.arrays import Array
 from posefuse.foundation.places import default_cache_dir
 from posefuse.foundation.platform import usable_cores
@@ -131,12 +131,10 @@ class BlazePoseConfig:
         persons, _, members = self._cards()
         return [persons, *members]
 
-    def fetch(
-        self, progress: Callable[[str], None] | None = None, advance: Callable[[int, int], None] | None = None
-    ) -> list[Path]:
+    def fetch(self, progress: Progress = silent) -> list[Path]:
         """The network files, fetched where they are missing; see `fetch_all` for what is reported and raised."""
         openvino_device(self.device)
-        return fetch_all(self.cards(), default_cache_dir(), None, progress, advance)
+        return fetch_all(self.cards(), default_cache_dir(), None, progress)
 
     def build(self) -> BlazePoseDetector:
         """Fetch what is missing, compile, and be ready; raises ModelError when a network cannot be had."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Annotated
@@ -10,7 +10,7 @@ from typing import Annotated
 import numpy as np
 from annotated_types import Ge
 
-from posefuse.core import ConfigError, Frame, Region
+from posefuse.core import ConfigError, Frame, Progress, Region, silent
 from posefuse.core.arrays import Array
 from posefuse.core.protocols import NOISE_NOT_FITTED
 from posefuse.foundation.places import default_cache_dir
@@ -54,12 +54,10 @@ class OnnxConfig:
     lock: str = ""
     up_rad: dict[str, float] = field(default_factory=dict)
 
-    def fetch(
-        self, progress: Callable[[str], None] | None = None, advance: Callable[[int, int], None] | None = None
-    ) -> list[Path]:
+    def fetch(self, progress: Progress = silent) -> list[Path]:
         """The files of the network and of its person detector, those with a source fetched; see `fetch_all`."""
         device_of(self.device)
-        return fetch_all(self.cards(), default_cache_dir(), None, progress, advance, self._trust)
+        return fetch_all(self.cards(), default_cache_dir(), None, progress, self._trust)
 
     def build(self) -> TopDownDetector | OneStageDetector:
         """Read the cards, check and compile their files.
