@@ -76,7 +76,7 @@ _LEAST_SCORE = 0.5
 
 
 def regions_from_outputs(
-    boxes: Array, logits: Array, decoding: PersonDecoding, looked_at: Region, side_px: int, least_score: float = _LEAST_SCORE
+    boxes: Array, logits: Array, decoding: PersonDecoding, looked_at: Region, side_px: int
 ) -> list[tuple[float, Region]]:
     """People found in one crop, best first, as (score, region in raw px).
 
@@ -86,10 +86,9 @@ def regions_from_outputs(
         decoding: how to read them.
         looked_at: the region the crop was cut from.
         side_px: of the crop.
-        least_score: below it no person is there.
     """
     score = 1 / (1 + np.exp(-np.clip(logits[:, 0].astype(np.float64), -100, 100)))
-    likely = np.flatnonzero(score >= least_score)
+    likely = np.flatnonzero(score >= _LEAST_SCORE)
     likely = likely[np.argsort(-score[likely], kind="stable")]
     cells = _anchor_centres(decoding.grids, side_px)[likely]
     raw = boxes[likely].astype(np.float64)
