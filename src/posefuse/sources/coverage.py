@@ -61,12 +61,7 @@ class _SourceOf:
 
     def __init__(self, source: RecordedSource) -> None:
         self._source = source
-        self.camera, self.size_wh = source.camera, source.size_wh
-
-    @property
-    def stated_frames(self) -> int:
-        """That of the source."""
-        return self._source.stated_frames
+        self.camera, self.size_wh, self.stated_frames = source.camera, source.size_wh, source.stated_frames
 
     def times_ns(self) -> Array:
         """Those of the source."""

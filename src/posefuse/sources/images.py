@@ -51,15 +51,11 @@ class ImagesSource:
         if not Path(config.path).is_dir():
             raise SourceError(f"{self._where}: no such folder")
         self._times_s = self._read_times()
+        self.stated_frames = len(self._times_s)
         first = next(self.frames(), None)
         if first is None:
             raise SourceError(f"{self._where}: no readable image in the folder; known: {' '.join(IMAGE_SUFFIXES)}")
         self.size_wh = first.size_wh
-
-    @property
-    def stated_frames(self) -> int:
-        """Images in the folder or its table of times."""
-        return len(self._times_s)
 
     def times_ns(self) -> Array:
         """(F,) int64 session times of all frames, without reading them."""

@@ -49,6 +49,9 @@ class VideoSeeker:
 
     Reading on from frame to frame decodes each once.
 
+    Attributes:
+        times_ns: (F,) session times of all frames that the file lists.
+
     Raises:
         SourceError: the file cannot be opened, or lists no frame.
     """
@@ -65,15 +68,10 @@ class VideoSeeker:
             raise SourceError(f"{config.where}: no frame is listed; is the file complete?")
         self._ticks = np.array(listed.ticks, np.int64)
         self._keys = np.array([*listed.keys] or listed.ticks[:1], np.int64)
-        self._times_ns = listed.times_ns(config)
+        self.times_ns = listed.times_ns(config)
         self._pixels = PixelConverter()
         self._decoding: Iterator[VideoFrame] = iter(())
         self._last: tuple[int, VideoFrame] | None = None
-
-    @property
-    def times_ns(self) -> Array:
-        """(F,) session times of all frames that the file lists."""
-        return self._times_ns
 
     def at(self, i: int) -> Frame:
         """Frame i, or the first after it that can be decoded."""
@@ -83,7 +81,7 @@ class VideoSeeker:
                 self._last = self._reach(tick)
             decoded = self._last[1]
             image = DecodedPixels(decoded, self._pixels).rgb()
-        t_ns = int(self._times_ns[i])
+        t_ns = int(self.times_ns[i])
         return Frame(camera=self._config.camera, seq=i, t_ns=t_ns, received_ns=t_ns, image=image)
 
     def close(self) -> None:
@@ -137,15 +135,10 @@ class VideoSeeker:
 
 
 class ImagesSeeker:
-    """Frames of an image folder."""
+    """Frames of an image folder, all of them at `times_ns` (F,)."""
 
     def __init__(self, source: ImagesSource) -> None:
-        self._source, self._times_ns = source, source.times_ns()
-
-    @property
-    def times_ns(self) -> Array:
-        """(F,) session times of all frames."""
-        return self._times_ns
+        self._source, self.times_ns = source, source.times_ns()
 
     def at(self, i: int) -> Frame:
         """Frame i."""

@@ -83,6 +83,9 @@ class VideoSource:
 
     Times are those written in the file; containers whose clock starts anywhere (MPEG-TS, AVI) count from their first
     frame. A turned phone video is turned upright as the file asks.
+
+    Attributes:
+        stated_frames: by the file's header, more than `times_ns` where its end is missing; 0 where it states none.
     """
 
     def __init__(self, config: VideoConfig) -> None:
@@ -96,12 +99,7 @@ class VideoSource:
         # one that cannot be converted shows now
         self.size_wh = first.frame().size_wh
         with opened_video(config) as container:
-            self._stated_frames = int(container.streams.video[0].frames)
-
-    @property
-    def stated_frames(self) -> int:
-        """Frames by the file's header, more than `times_ns` where its end is missing; 0 where it states none."""
-        return self._stated_frames
+            self.stated_frames = int(container.streams.video[0].frames)
 
     def times_ns(self) -> Array:
         """(F,) int64 session times of all frames the file lists, without decoding them."""
