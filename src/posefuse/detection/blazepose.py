@@ -19,7 +19,7 @@ from posefuse.foundation.settings import settings
 from .card import BLAZEPOSE_PERSONS, Card, EnsembleCard, LandmarkCard, NetworkCard, PersonCard, read_card
 from .crops import Crops, img_from_crop, region_from_keypoints
 from .decode import landmarks_from_outputs
-from .detector import NetworkDetector, Person
+from .detector import DetectedPerson, NetworkDetector
 from .device import Device, Precision, openvino_device
 from .engines import BlazePoseNetwork
 from .files import fetch_all
@@ -176,18 +176,18 @@ class BlazePoseDetector(NetworkDetector):
         self._mirrored = isinstance(card, EnsembleCard) and card.mirrored
         self._side_px = landmarks[0].network.side_px
 
-    def _found(self, frames: Sequence[Frame]) -> list[list[Person]]:
+    def _found(self, frames: Sequence[Frame]) -> list[list[DetectedPerson]]:
         looked_at = self._given(list(zip(frames, self._search(frames), strict=True)))
         return [[person for person in people if person.score.any()] for people in looked_at]
 
-    def _given(self, asked: Sequence[tuple[Frame, Sequence[Region]]]) -> list[list[Person]]:
+    def _given(self, asked: Sequence[tuple[Frame, Sequence[Region]]]) -> list[list[DetectedPerson]]:
         looks = iter(self._look([(frame, region) for frame, regions in asked for region in regions]))
         return [[self._person(next(looks)) for _ in regions] for _, regions in asked]
 
-    def _person(self, look: Look) -> Person:
+    def _person(self, look: Look) -> DetectedPerson:
         if look.presence < _LEAST_PRESENCE:
-            return Person.missing(len(self.skeleton))
-        return Person(look.xy, look.score, look.sigma_px)
+            return DetectedPerson.missing(len(self.skeleton))
+        return DetectedPerson(look.xy, look.score, look.sigma_px)
 
     def _search(self, frames: Sequence[Frame]) -> list[list[Region]]:
         """Everybody in whole images, stage by stage; what the landmark network does not confirm was no person.

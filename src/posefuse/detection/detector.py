@@ -17,7 +17,7 @@ from .crops import check_regions
 
 
 @dataclass(frozen=True, eq=False)
-class Person:
+class DetectedPerson:
     """One person in raw px: keypoints (K, 2), scores (K,), standard deviations (K,)."""
 
     xy: Array
@@ -25,9 +25,9 @@ class Person:
     sigma_px: Array
 
     @staticmethod
-    def missing(count: int) -> Person:
+    def missing(count: int) -> DetectedPerson:
         """No person, of so many keypoints."""
-        return Person(np.full((count, 2), np.nan), np.zeros(count), np.full(count, np.nan))
+        return DetectedPerson(np.full((count, 2), np.nan), np.zeros(count), np.full(count, np.nan))
 
 
 class NetworkDetector(ABC):
@@ -50,13 +50,13 @@ class NetworkDetector(ABC):
         return [self._result(frame, people[i]) for i, frame in enumerate(frames)]
 
     @abstractmethod
-    def _found(self, frames: Sequence[Frame]) -> list[list[Person]]:
+    def _found(self, frames: Sequence[Frame]) -> list[list[DetectedPerson]]:
         """All people who are found in each image, best first."""
 
     @abstractmethod
-    def _given(self, asked: Sequence[tuple[Frame, Sequence[Region]]]) -> list[list[Person]]:
+    def _given(self, asked: Sequence[tuple[Frame, Sequence[Region]]]) -> list[list[DetectedPerson]]:
         """For each image one person per region, in that order."""
 
-    def _result(self, frame: Frame, people: Sequence[Person]) -> Detections2D:
+    def _result(self, frame: Frame, people: Sequence[DetectedPerson]) -> Detections2D:
         parts = ([getattr(person, name) for person in people] for name in ("xy", "score", "sigma_px"))
         return Detections2D.of(frame.camera, frame.t_ns, self.skeleton, *parts)

@@ -21,7 +21,7 @@ from .boxes import keypoints_of, people_from_outputs
 from .card import PERSONS, OnnxCard, PersonCard, persons_card, read_card
 from .crops import img_from_input, input_crop_from_img, letterbox_from_img, region_from_keypoints, warp_to_input
 from .decode import Keypoints, People
-from .detector import NetworkDetector, Person
+from .detector import DetectedPerson, NetworkDetector
 from .device import Precision, device_of
 from .engines import OnnxNetwork
 from .files import fetch_all
@@ -147,16 +147,18 @@ class _Networked(NetworkDetector):
             **({"unknown": unknown} if unknown else {}),
         }
 
-    def _person(self, seen: Observed) -> Person:
+    def _person(self, seen: Observed) -> DetectedPerson:
         """A person in raw px; no person where the keypoints score too little on average."""
         score = seen.keypoints.score[0]
         if score.mean() < self._network.card.least_keypoint_score:
-            return Person.missing(len(self.skeleton))
+            return DetectedPerson.missing(len(self.skeleton))
         features = keypoint_noise_features(seen.keypoints, seen.height_px)
         both = seen.height_px * self._noise.sigma(features, self.skeleton.keypoints)[0]
         # one number for both axes of the image: the crop may be turned
         sigma = np.sqrt((both**2).mean(-1) / abs(np.linalg.det(seen.input_from_img[:, :2])))
-        return Person(img_from_input(seen.input_from_img, seen.keypoints.xy[0]), score, np.where(score > 0, sigma, np.nan))
+        return DetectedPerson(
+            img_from_input(seen.input_from_img, seen.keypoints.xy[0]), score, np.where(score > 0, sigma, np.nan)
+        )
 
 
 class TopDownDetector(_Networked):
@@ -171,9 +173,9 @@ class TopDownDetector(_Networked):
         super().__init__(network, up_rad)
         self._finder = finder
 
-    def _found(self, frames: Sequence[Frame]) -> list[list[Person]]:
+    def _found(self, frames: Sequence[Frame]) -> list[list[DetectedPerson]]:
         """Stage by stage, all frames in which no person was found so far together."""
-        found: list[list[Person]] = [[] for _ in frames]
+        found: list[list[DetectedPerson]] = [[] for _ in frames]
         plans = [self._finder.stages(frame.size_wh, self._up_rad.get(frame.camera, 0.0)) for frame in frames]
         while due := {i: parts for i, plan in enumerate(plans) if not found[i] and (parts := next(plan, None))}:
             regions = self._finder.people([(frames[i], parts) for i, parts in due.items()])
@@ -182,7 +184,7 @@ class TopDownDetector(_Networked):
                 found[i] = self._each_once(people)
         return found
 
-    def _each_once(self, people: Sequence[Person]) -> list[Person]:
+    def _each_once(self, people: Sequence[DetectedPerson]) -> list[DetectedPerson]:
         once: dict[int, Region] = {}
         for n, person in enumerate(people):
             region = region_from_keypoints(person.xy, self.skeleton)
@@ -190,7 +192,7 @@ class TopDownDetector(_Networked):
                 once[n] = region
         return [people[n] for n in once]
 
-    def _given(self, asked: Sequence[tuple[Frame, Sequence[Region]]]) -> list[list[Person]]:
+    def _given(self, asked: Sequence[tuple[Frame, Sequence[Region]]]) -> list[list[DetectedPerson]]:
         looked = iter(self._look([(frame, region) for frame, regions in asked for region in regions]))
         return [[next(looked) for _ in regions] for _, regions in asked]
 
@@ -198,7 +200,7 @@ class TopDownDetector(_Networked):
         """The person in a region, with all outputs of the network. Noise models are fitted to these."""
         return self._observe([(frame, region)])[0]
 
-    def _look(self, crops: Sequence[tuple[Frame, Region]]) -> list[Person]:
+    def _look(self, crops: Sequence[tuple[Frame, Region]]) -> list[DetectedPerson]:
         return [self._person(seen) for seen in self._observe(crops)]
 
     def _observe(self, crops: Sequence[tuple[Frame, Region]]) -> list[Observed]:
@@ -221,16 +223,16 @@ class OneStageDetector(_Networked):
         up_rad: per camera, see `OnnxConfig`.
     """
 
-    def _found(self, frames: Sequence[Frame]) -> list[list[Person]]:
+    def _found(self, frames: Sequence[Frame]) -> list[list[DetectedPerson]]:
         return [people[:_MOST_PEOPLE] for people in self._everybody(frames)]
 
-    def _given(self, asked: Sequence[tuple[Frame, Sequence[Region]]]) -> list[list[Person]]:
+    def _given(self, asked: Sequence[tuple[Frame, Sequence[Region]]]) -> list[list[DetectedPerson]]:
         everybody = iter(self._everybody([frame for frame, regions in asked if regions]))
         return [self._chosen(next(everybody), regions) if regions else [] for _, regions in asked]
 
-    def _everybody(self, frames: Sequence[Frame]) -> list[list[Person]]:
+    def _everybody(self, frames: Sequence[Frame]) -> list[list[DetectedPerson]]:
         """Everybody in each image; a tilted camera's as it is where no person is found upright."""
-        found: list[list[Person]] = [[] for _ in frames]
+        found: list[list[DetectedPerson]] = [[] for _ in frames]
         directions = [upright_first(self._up_rad.get(frame.camera, 0.0)) for frame in frames]
         for attempt in range(max(map(len, directions), default=0)):
             due = [i for i, people in enumerate(found) if not people and attempt < len(directions[i])]
@@ -245,7 +247,7 @@ class OneStageDetector(_Networked):
         away = [float(np.linalg.norm(middle - region.centre_img)) / region.side_px for middle in middles]
         return people[int(np.argmin(away))] if away and min(away) < _IN_REGION else None
 
-    def _look(self, images: Sequence[tuple[Frame, float]]) -> list[list[Person]]:
+    def _look(self, images: Sequence[tuple[Frame, float]]) -> list[list[DetectedPerson]]:
         made = [[self._person(seen) for seen in people] for people in self._observe(images)]
         return [[person for person in people if person.score.any()] for people in made]
 
@@ -271,14 +273,14 @@ class OneStageDetector(_Networked):
             Observed(seen.only(i), input_from_img, h) for i, h in enumerate(heights.tolist()) if np.isfinite(seen.xy[i]).any()
         ]
 
-    def _chosen(self, people: Sequence[Person], regions: Sequence[Region]) -> list[Person]:
+    def _chosen(self, people: Sequence[DetectedPerson], regions: Sequence[Region]) -> list[DetectedPerson]:
         """For each region the person whose middle is nearest to its centre, no person where that is too far."""
         middles = np.array([np.nanmean(person.xy, axis=0) for person in people]).reshape(-1, 2)
         chosen = []
         for region in regions:
             away = np.linalg.norm(middles - region.centre_img, axis=-1) / region.side_px
             near = len(people) > 0 and away.min() < _IN_REGION
-            chosen.append(people[int(away.argmin())] if near else Person.missing(len(self.skeleton)))
+            chosen.append(people[int(away.argmin())] if near else DetectedPerson.missing(len(self.skeleton)))
         return chosen
 
 
