@@ -156,9 +156,8 @@ class _Networked(NetworkDetector):
         both = seen.height_px * self._noise.sigma(features, self.skeleton.keypoints)[0]
         # one number for both axes of the image: the crop may be turned
         sigma = np.sqrt((both**2).mean(-1) / abs(np.linalg.det(seen.input_from_img[:, :2])))
-        return DetectedPerson(
-            img_from_input(seen.input_from_img, seen.keypoints.xy[0]), score, np.where(score > 0, sigma, np.nan)
-        )
+        xy = img_from_input(seen.input_from_img, seen.keypoints.xy[0])
+        return DetectedPerson(xy, score, np.where(score > 0, sigma, np.nan))
 
 
 class TopDownDetector(_Networked):
