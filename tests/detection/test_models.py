@@ -135,7 +135,13 @@ def test_one_download_serves_all_cards_of_a_wheel(tmp_path, card, wheel, monkeyp
     cards = [card, replace(read_card("blazepose_persons"), size_bytes=len(CONTENT), sha256=card.sha256)]
     monkeypatch.setattr(archives.subprocess, "run", download)
     said, counted = [], []
-    paths = fetch_all(cards, tmp_path / "cache", None, said.append, lambda done, total: counted.append((done, total)))
+
+    def progress(stage, done, total, message=""):
+        said.append(message)
+        if (done, total) not in counted:
+            counted.append((done, total))
+
+    paths = fetch_all(cards, tmp_path / "cache", None, progress)
     assert [path.read_bytes() for path in paths] == [CONTENT, CONTENT]
     assert len(calls) == 1 and calls[0][-1] == "mediapipe==0.10.21"
     assert counted == [(0, 1), (1, 1)]

@@ -27,8 +27,8 @@ def draw(boxes, logits, anchor, hips, rim, logit=3.0, size=90.0):
     logits[row] = logit
 
 
-def found(boxes, logits, looked_at, least=0.5):
-    return regions_from_outputs(boxes, logits, CARD.decoding, looked_at, SIDE, least)
+def found(boxes, logits, looked_at):
+    return regions_from_outputs(boxes, logits, CARD.decoding, looked_at, SIDE)
 
 
 @pytest.mark.parametrize(
@@ -64,12 +64,11 @@ def test_votes_for_one_person_are_merged_and_two_people_stay_two():
     assert np.allclose(people[1][1].centre_img, one + [2, 0] - 0.5, atol=1e-4)
 
 
-def test_no_person_is_found_below_the_threshold():
+@pytest.mark.parametrize(("logit", "count"), [(-0.2, 0), (0.2, 1)])
+def test_no_person_is_found_below_the_threshold(logit, count):
     boxes, logits = empty()
-    draw(boxes, logits, 70, np.array([90.0, 90.0]), np.array([90.0, 40.0]), logit=0.2)
-    looked_at = Region(centre_img=np.array([111.5, 111.5]), side_px=224.0)
-    assert found(boxes, logits, looked_at, least=0.6) == []
-    assert len(found(boxes, logits, looked_at, least=0.5)) == 1
+    draw(boxes, logits, 70, np.array([90.0, 90.0]), np.array([90.0, 40.0]), logit=logit)
+    assert len(found(boxes, logits, Region(centre_img=np.array([111.5, 111.5]), side_px=224.0))) == count
 
 
 @pytest.mark.parametrize(("size_wh", "up_rad"), [((640, 480), 0.0), ((1080, 1920), -0.5), ((3840, 1000), 1.2)])

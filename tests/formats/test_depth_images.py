@@ -30,7 +30,6 @@ def folder(tmp_path: Path) -> Path:
 
 def test_every_bit_comes_back_with_unit_and_noise(folder: Path) -> None:
     depths = DepthFolder(folder)
-    assert len(depths) == 4
     for i in range(4):
         found = depths.at(i * 33_333_333 + 400_000, (16, 12))
         assert found is not None

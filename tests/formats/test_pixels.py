@@ -9,9 +9,12 @@ from pathlib import Path
 import av
 import numpy as np
 import pytest
+from checks import assert_same
 from hypothesis import given
 from hypothesis import strategies as st
 
+from posefuse.core import Frame
+from posefuse.core.depth import DepthImage
 from posefuse.formats.pixels import DecodedPixels, PixelConverter
 from posefuse.sources import VideoConfig
 from posefuse.sources.arriving import Arrived, UnconvertedSource, arriving
@@ -61,22 +64,11 @@ def test_frames_that_are_not_used_are_not_converted(demo_session: Path, monkeypa
     assert len(converted) == 1
 
 
-def test_a_source_that_only_knows_frames_arrives_too(demo_session: Path) -> None:
-    video = VideoConfig(demo_session / "videos" / "cam00.mp4", "cam00").build()
-
-    class Plain:
-        camera, size_wh = "cam00", (640, 480)
-
-        def frames(self):
-            return video.frames()
-
-        def close(self) -> None:
-            video.close()
-
-    plain, late = ([one.frame() for one in itertools.islice(arriving(source), 4)] for source in (Plain(), video))
-    assert [one.t_ns for one in plain] == [one.t_ns for one in late]
-    assert all(np.array_equal(one.image, other.image) for one, other in zip(plain, late, strict=True))
-    assert all(isinstance(one, Arrived) for one in itertools.islice(arriving(Plain()), 2))
+def test_a_frame_that_arrives_converted_keeps_all_that_it_has() -> None:
+    """The depth of a camera whose source only knows frames, too."""
+    depth = DepthImage(values=np.ones((4, 6), np.uint16))
+    frame = Frame(camera="a", seq=3, t_ns=5, received_ns=9, image=np.zeros((4, 6, 3), np.uint8), depth=depth)
+    assert_same(Arrived.of(frame).frame(), frame)
 
 
 @given(

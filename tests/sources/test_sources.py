@@ -218,6 +218,12 @@ def test_the_nearest_frame(t_ns: int, place: int) -> None:
     assert nearest(np.array([0, 10, 20]), t_ns) == place
 
 
+def test_times_that_no_recording_has_are_one_line(tmp_path: Path) -> None:
+    path = write_video(tmp_path / "a.mkv", BLACK * 2, base=Fraction(1, 1000), pts=[0, 10**13], format="matroska")
+    for opened in (lambda: VideoConfig(path, "cam").build().times_ns(), lambda: VideoSeeker(VideoConfig(path, "cam"))):
+        refusal(SourceError, r"camera cam: times up to 1e\+10 s; the file is damaged", opened)
+
+
 def test_a_file_that_ends_early_gives_what_there_is(video: Path, tmp_path: Path) -> None:
     cut = remuxed(video, tmp_path / "cut.ts", format="mpegts")
     cut.write_bytes(cut.read_bytes()[:-2000])

@@ -338,7 +338,7 @@ def models(
     if not (check or measure):
         with shown(progress) as report:
             given, trust = None if source is None else Path(source), Trust(terms=accept_licence, locked=locked)
-            fetch_all(wanted, cache_dir, given, lambda line: report("models", 0, None, line), None, trust)
+            fetch_all(wanted, cache_dir, given, lambda _, __, ___, line="": report("models", 0, None, line), trust)
     found = tuple(
         {
             "name": card.name,

@@ -23,9 +23,10 @@ def package_of_extra(name: str, extra: str) -> ModuleType:
     """Import a module; raises DependencyError with the command that installs the extra."""
     try:
         return import_module(name)
-    except ImportError as error:
-        package = name.partition(".")[0]
-        raise DependencyError(f"{package}: not usable ({error}); {install_words(extra)}") from None
+    # a package may lack a native library, which it reports in its own way
+    except (ImportError, OSError, RuntimeError) as error:
+        package, why = name.partition(".")[0], str(error).partition("\n")[0] or type(error).__name__
+        raise DependencyError(f"{package}: not usable ({why}); {install_words(extra)}") from None
 
 
 def install_words(extra: str) -> str:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Annotated
@@ -10,21 +10,21 @@ from typing import Annotated
 import numpy as np
 from annotated_types import Ge
 
-from posefuse.core import ConfigError, Detections2D, Frame, JointCentres, Region, Skeleton
+from posefuse.core import ConfigError, Frame, Progress, Region, silent
 from posefuse.core.arrays import Array
-from posefuse.formats.joint_centres import read_joint_centres
 from posefuse.foundation.places import default_cache_dir
 from posefuse.foundation.platform import usable_cores
 from posefuse.foundation.settings import settings
 
 from .card import BLAZEPOSE_PERSONS, Card, EnsembleCard, LandmarkCard, NetworkCard, PersonCard, read_card
-from .crops import Crops, check_regions, img_from_crop, region_from_keypoints
+from .crops import Crops, img_from_crop, region_from_keypoints
 from .decode import landmarks_from_outputs
+from .detector import DetectedPerson, NetworkDetector
 from .device import Device, Precision, openvino_device
 from .engines import BlazePoseNetwork
 from .files import fetch_all
-from .noise import NoiseModel, landmark_noise_features, read_noise
-from .search import PersonNetwork, stages
+from .noise import landmark_noise_features, read_noise
+from .search import SquareFinder
 
 # of a crop that shows a person; below it the keypoints carry no information
 _LEAST_PRESENCE = 0.5
@@ -47,23 +47,16 @@ class Look:
     sigma_px: Array
 
 
-@dataclass(frozen=True, eq=False)
 class LandmarkNetwork:
-    """A landmark network, the noise model fitted to it, and the skeleton it marks."""
+    """A landmark network, compiled, the noise model fitted to it, and the skeleton it marks."""
 
-    network: BlazePoseNetwork
-    noise: NoiseModel
-    skeleton: Skeleton
-
-    @classmethod
-    def compiled(cls, card: LandmarkCard, file: Path, precision: Precision, streams: int, device: Device) -> LandmarkNetwork:
-        """The card's network, ready."""
+    def __init__(self, card: LandmarkCard, file: Path, precision: Precision, streams: int, device: Device) -> None:
         decoding = card.decoding
         outputs = (decoding.landmarks, decoding.presence, decoding.heatmaps)
-        network = BlazePoseNetwork(file, outputs, card.input, precision, streams, device)
+        self.network = BlazePoseNetwork(file, outputs, card.input, precision, streams, device)
         if card.noise_file is None:
             raise ConfigError(f"{card.name}: a network of BlazePose's layout needs a noise model: `noise = FILE` in its card")
-        return cls(network, read_noise(card.noise_file), card.skeleton)
+        self.noise, self.skeleton = read_noise(card.noise_file), card.skeleton
 
     def look(self, crops: Sequence[Array]) -> list[Look]:
         """One look at each crop (side, side, 3) uint8."""
@@ -138,27 +131,21 @@ class BlazePoseConfig:
         persons, _, members = self._cards()
         return [persons, *members]
 
-    def fetch(
-        self, progress: Callable[[str], None] | None = None, advance: Callable[[int, int], None] | None = None
-    ) -> list[Path]:
+    def fetch(self, progress: Progress = silent) -> list[Path]:
         """The network files, fetched where they are missing; see `fetch_all` for what is reported and raised."""
         openvino_device(self.device)
-        return fetch_all(self.cards(), default_cache_dir(), None, progress, advance)
+        return fetch_all(self.cards(), default_cache_dir(), None, progress)
 
     def build(self) -> BlazePoseDetector:
         """Fetch what is missing, compile, and be ready; raises ModelError when a network cannot be had."""
         persons, chosen, members = self._cards()
         files = self.fetch()
-        streams, device, table = self.streams or usable_cores(), openvino_device(self.device), chosen.joint_centres_file
+        machine = self.precision, self.streams or usable_cores(), openvino_device(self.device)
         return BlazePoseDetector(
-            self,
-            PersonNetwork.compiled(persons, files[0], self.precision, streams, device),
-            [
-                LandmarkNetwork.compiled(*member, self.precision, streams, device)
-                for member in zip(members, files[1:], strict=True)
-            ],
-            mirrored=isinstance(chosen, EnsembleCard) and chosen.mirrored,
-            joint_centres=read_joint_centres(table) if table else None,
+            chosen,
+            SquareFinder(persons, files[0], *machine),
+            [LandmarkNetwork(card, file, *machine) for card, file in zip(members, files[1:], strict=True)],
+            self.up_rad,
         )
 
     def _cards(self) -> tuple[PersonCard, Card, list[LandmarkCard]]:
@@ -173,43 +160,34 @@ def default_cards() -> list[NetworkCard]:
     return BlazePoseConfig().cards()
 
 
-class BlazePoseDetector:
-    """Implements `core.Detector`. Not for use from several threads at once; build one for each."""
+class BlazePoseDetector(NetworkDetector):
+    """People by a person network and one or several landmark networks.
+
+    Args:
+        card: chosen for landmarks. finder: of people in whole images. landmarks: networks that look at the same crops.
+        up_rad: per camera, see `BlazePoseConfig`.
+    """
 
     def __init__(
-        self,
-        config: BlazePoseConfig,
-        persons: PersonNetwork,
-        landmarks: Sequence[LandmarkNetwork],
-        mirrored: bool,
-        joint_centres: JointCentres | None,
+        self, card: Card, finder: SquareFinder, landmarks: Sequence[LandmarkNetwork], up_rad: Mapping[str, float]
     ) -> None:
-        self._config, self._persons, self._landmarks, self._mirrored = config, persons, landmarks, mirrored
-        self._joint_centres = joint_centres
-        self._skeleton = landmarks[0].skeleton
+        super().__init__(landmarks[0].skeleton, card.joint_centres_file)
+        self._finder, self._landmarks, self._up_rad = finder, landmarks, up_rad
+        self._mirrored = isinstance(card, EnsembleCard) and card.mirrored
         self._side_px = landmarks[0].network.side_px
 
-    @property
-    def skeleton(self) -> Skeleton:
-        """The landmark network's keypoints."""
-        return self._skeleton
+    def _found(self, frames: Sequence[Frame]) -> list[list[DetectedPerson]]:
+        looked_at = self._given(list(zip(frames, self._search(frames), strict=True)))
+        return [[person for person in people if person.score.any()] for people in looked_at]
 
-    @property
-    def joint_centres(self) -> JointCentres | None:
-        """The table that was fitted to the landmark network, if there is one."""
-        return self._joint_centres
+    def _given(self, asked: Sequence[tuple[Frame, Sequence[Region]]]) -> list[list[DetectedPerson]]:
+        looks = iter(self._look([(frame, region) for frame, regions in asked for region in regions]))
+        return [[self._person(next(looks)) for _ in regions] for _, regions in asked]
 
-    def detect(self, frames: Sequence[Frame], regions: Sequence[Sequence[Region] | None]) -> list[Detections2D]:
-        """One Detections2D per frame: the people in the given regions, in that order, or all who are found (best first)."""
-        check_regions(frames, regions)
-        unknown = [i for i, given in enumerate(regions) if given is None]
-        found = dict(zip(unknown, self._search([frames[i] for i in unknown]), strict=True))
-        todo = [(i, region) for i, given in enumerate(regions) for region in (found[i] if given is None else given)]
-        looks = self._look([(frames[i], region) for i, region in todo])
-        people: list[list[Look]] = [[] for _ in frames]
-        for (i, _), look in zip(todo, looks, strict=True):
-            people[i].append(look)
-        return [self._result(frame, people[i], keep_all=regions[i] is not None) for i, frame in enumerate(frames)]
+    def _person(self, look: Look) -> DetectedPerson:
+        if look.presence < _LEAST_PRESENCE:
+            return DetectedPerson.missing(len(self.skeleton))
+        return DetectedPerson(look.xy, look.score, look.sigma_px)
 
     def _search(self, frames: Sequence[Frame]) -> list[list[Region]]:
         """Everybody in whole images, stage by stage; what the landmark network does not confirm was no person.
@@ -217,30 +195,26 @@ class BlazePoseDetector:
         Those who are found first are not all: closer stages follow until one of them finds no new person.
         """
         found: list[list[Look]] = [[] for _ in frames]
-        plans = [stages(frame.size_wh, self._config.up_rad.get(frame.camera, 0.0)) for frame in frames]
+        plans = [self._finder.stages(frame.size_wh, self._up_rad.get(frame.camera, 0.0)) for frame in frames]
         open_frames = list(range(len(frames)))
         while open_frames:
             before = [len(people) for people in found]
             now = {i: next(plans[i], []) for i in open_frames}
-            self._look_at_squares(frames, [(i, square) for i, squares in now.items() for square in squares], found)
+            self._look_at_squares(frames, now, found)
             open_frames = [i for i in open_frames if now[i] and (not before[i] or len(found[i]) > before[i])]
-        regions = [[region_from_keypoints(look.xy, self._skeleton) for look in people] for people in found]
+        regions = [[region_from_keypoints(look.xy, self.skeleton) for look in people] for people in found]
         return [[region for region in some if region is not None] for some in regions]
 
-    def _look_at_squares(self, frames: Sequence[Frame], squares: Sequence[tuple[int, Region]], found: list[list[Look]]) -> None:
-        """Add the people of squares of frames to those found."""
-        candidates = self._candidates(frames, squares) if squares else []
+    def _look_at_squares(self, frames: Sequence[Frame], squares: Mapping[int, list[Region]], found: list[list[Look]]) -> None:
+        """Add the people of squares of frames, by the number of the frame, to those found."""
+        regions = self._finder.people([(frames[i], some) for i, some in squares.items()])
+        candidates = [(i, region) for i, some in zip(squares, regions, strict=True) for region in some]
         confirmed = self._look([(frames[i], region) for i, region in candidates], thoroughly=False)
         for (i, _), look in zip(candidates, confirmed, strict=True):
             if look.presence < _LEAST_PRESENCE or len(found[i]) >= _MOST_PEOPLE:
                 continue
-            if region_from_keypoints(look.xy, self._skeleton) is not None and not _known(look, found[i]):
+            if region_from_keypoints(look.xy, self.skeleton) is not None and not _known(look, found[i]):
                 found[i].append(look)
-
-    def _candidates(self, frames: Sequence[Frame], looks: Sequence[tuple[int, Region]]) -> list[tuple[int, Region]]:
-        found = self._persons.scored([(frames[i], square) for i, square in looks])
-        scored = [(score, i, region) for (i, _), people in zip(looks, found, strict=True) for score, region in people]
-        return [(i, region) for _, i, region in sorted(scored, key=lambda entry: -entry[0])]
 
     def _look(self, people: Sequence[tuple[Frame, Region]], thoroughly: bool = True) -> list[Look]:
         """Landmarks of each person in raw px; if not `thoroughly`, by the first network alone."""
@@ -253,13 +227,6 @@ class BlazePoseDetector:
             rounds += [member.look_in_mirror(crops) for member in self._landmarks]
         looks = [averaged(looks) for looks in zip(*rounds, strict=True)]
         return [_in_image(look, region, side) for look, (_, region) in zip(looks, people, strict=True)]
-
-    def _result(self, frame: Frame, people: Sequence[Look], keep_all: bool) -> Detections2D:
-        shown = [look for look in people if keep_all or look.presence >= _LEAST_PRESENCE]
-        absent = np.array([look.presence < _LEAST_PRESENCE for look in shown], np.bool_)
-        xy, score, sigma = (np.array([getattr(look, name) for look in shown]) for name in ("xy", "score", "sigma_px"))
-        xy[absent], score[absent], sigma[absent] = np.nan, 0.0, np.nan
-        return Detections2D.of(frame.camera, frame.t_ns, self._skeleton, xy, score, sigma)
 
 
 def _in_image(look: Look, region: Region, side_px: int) -> Look:

@@ -102,9 +102,6 @@ def locked(choice: DetectorChoice, folder: Path) -> DetectorChoice:
     return DetectorChoice(name=choice.name, options={"lock": str(lock), **choice.options})
 
 
-STAGE = "downloading networks"
-
-
 def fetch_networks(choice: DetectorChoice, progress: Progress = silent) -> None:
     """Download the networks that the detector needs and does not have.
 
@@ -116,4 +113,4 @@ def fetch_networks(choice: DetectorChoice, progress: Progress = silent) -> None:
     check_device(choice)
     config = plugin_config("detectors", choice.name, choice.options)
     if hasattr(config, "fetch"):
-        config.fetch(lambda text: progress(STAGE, 0, None, text), lambda done, total: progress(STAGE, done, total))
+        config.fetch(progress)

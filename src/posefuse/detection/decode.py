@@ -94,14 +94,15 @@ def keypoints_from_simcc(simcc_x: Array, simcc_y: Array, decoding: Decoding) -> 
     """
     x, spread_x, rival_x, peak_x = _along(np.maximum(simcc_x, 0).astype(np.float64), decoding)
     y, spread_y, rival_y, peak_y = _along(np.maximum(simcc_y, 0).astype(np.float64), decoding)
-    score = np.clip(np.minimum(peak_x, peak_y), 0, 1)
-    there = score > 0
-    return Keypoints(
-        np.where(there[..., None], np.stack([x, y], axis=-1), np.nan),
-        score,
-        np.where(there[..., None], np.stack([spread_x, spread_y], axis=-1), np.nan),
-        np.where(there, np.maximum(rival_x, rival_y), 0.0),
-    )
+    xy, spread = np.stack([x, y], axis=-1), np.stack([spread_x, spread_y], axis=-1)
+    return _peaks(xy, np.minimum(peak_x, peak_y), spread, np.maximum(rival_x, rival_y))
+
+
+def _peaks(xy: Array, height: Array, spread_px: Array, rival: Array) -> Keypoints:
+    """Keypoints at the peaks of distributions; nothing where the peak has no height (B, K)."""
+    there = height > 0
+    xy, spread_px = (np.where(there[..., None], values, np.nan) for values in (xy, spread_px))
+    return Keypoints(xy, np.clip(height, 0, 1), spread_px, np.where(there, rival, 0.0))
 
 
 def _along(values: Array, decoding: Decoding) -> tuple[Array, Array, Array, Array]:
@@ -143,13 +144,7 @@ def keypoints_from_heatmaps(heatmaps: Array, size_wh: tuple[int, int], decoding:
     along_y = np.take_along_axis(maps, column[..., None, None], 3)[..., 0]
     spread_x, rival_x = peak_statistics(along_x, column, per_px[0])
     spread_y, rival_y = peak_statistics(along_y, row, per_px[1])
-    there = height > 0
-    return Keypoints(
-        np.where(there[..., None], cells / per_px, np.nan),
-        np.clip(height, 0, 1),
-        np.where(there[..., None], np.stack([spread_x, spread_y], axis=-1), np.nan),
-        np.where(there, np.maximum(rival_x, rival_y), 0.0),
-    )
+    return _peaks(cells / per_px, height, np.stack([spread_x, spread_y], axis=-1), np.maximum(rival_x, rival_y))
 
 
 def _cells_per_px(cells_wh: tuple[int, int], size_wh: tuple[int, int], udp: bool) -> Array:

@@ -9,7 +9,7 @@ import sys
 from collections.abc import Sequence
 from functools import cache
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 
@@ -164,16 +164,6 @@ def _pruned(path: Path, outputs: Sequence[str], takes: NetworkInput) -> Any:
 _BATCHES = (1, 2, 4, 8)
 
 
-class Runner(Protocol):
-    """A compiled network."""
-
-    output_names: list[str]
-
-    def run(self, inputs: Sequence[Array]) -> list[list[Array]]:
-        """The outputs for each input (1, 3, H, W) float32."""
-        ...
-
-
 class OnnxNetwork:
     """A card's network, compiled, its outputs checked against the card's layout.
 
@@ -210,7 +200,7 @@ class OnnxNetwork:
 
     def _on(self, device: Device, path: Path, precision: Precision, threads: int) -> str:
         """Compile it, and run it once: what does not run is no device."""
-        self._runner: Runner = (
+        self._runner: OpenVinoRunner | OnnxRuntimeRunner = (
             OpenVinoRunner(self.card, path, device, precision, threads)
             if device.openvino
             else OnnxRuntimeRunner(self.card, path, device, threads)
@@ -249,7 +239,7 @@ class OpenVinoRunner:
         self._queue.set_callback(self._collect)
 
     def run(self, inputs: Sequence[Array]) -> list[list[Array]]:
-        """See `Runner`."""
+        """The outputs for each input (1, 3, H, W) float32."""
         results: list[list[Array]] = [[] for _ in inputs]
         for one, result in zip(inputs, results, strict=True):
             self._queue.start_async({0: one}, userdata=result)
@@ -280,7 +270,7 @@ class OnnxRuntimeRunner:
         self._batches = _BATCHES if all(len(one) > 0 and not isinstance(one[0], int) for one in firsts) else _BATCHES[:1]
 
     def run(self, inputs: Sequence[Array]) -> list[list[Array]]:
-        """See `Runner`."""
+        """The outputs for each input (1, 3, H, W) float32."""
         results: list[list[Array]] = []
         while len(results) < len(inputs):
             results += self._together(inputs[len(results) : len(results) + self._batches[-1]])

@@ -9,18 +9,18 @@ from __future__ import annotations
 import hashlib
 import tempfile
 from collections.abc import Callable, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Literal
 
-from posefuse.core import ModelError
+from posefuse.core import ModelError, Progress, silent
 from posefuse.foundation.output_file import keep_copy
 
 from .archives import Source, UrlSource, member_of
 from .card import NetworkCard
 from .lock import FIRST_USE, Trust, remember
 
-Progress = Callable[[str], None]
-Advance = Callable[[int, int], None]
+STAGE = "downloading networks"
 _ARCHIVES = (".whl", ".tgz", ".zip")
 
 
@@ -37,7 +37,7 @@ def status(card: NetworkCard, cache_dir: Path, trust: Trust = FIRST_USE) -> Lite
     return "ready" if _file_sha256(path) == trust.known_sha256(card, cache_dir) else "damaged"
 
 
-def fetch(card: NetworkCard, cache_dir: Path, source: Path | None = None, progress: Progress | None = None) -> Path:
+def fetch(card: NetworkCard, cache_dir: Path, source: Path | None = None, progress: Progress = silent) -> Path:
     """The card's model file; see `fetch_all`."""
     return fetch_all([card], cache_dir, source, progress)[0]
 
@@ -46,8 +46,7 @@ def fetch_all(
     cards: Sequence[NetworkCard],
     cache_dir: Path,
     source: Path | None = None,
-    progress: Progress | None = None,
-    advance: Advance | None = None,
+    progress: Progress = silent,
     trust: Trust = FIRST_USE,
 ) -> list[Path]:
     """Files of several networks, those with a source fetched where they are missing; one download serves all of an archive.
@@ -56,14 +55,13 @@ def fetch_all(
         cards: what is needed.
         cache_dir: the user's cache folder; made when missing.
         source: an archive, a model file, or a folder with either, instead of a download. Never written to.
-        progress: gets a text for each step, before a download starts. advance: archives (done, total).
+        progress: gets the number of archives, and a text for each step, before a download starts.
         trust: which files are accepted.
 
     Raises:
         ModelError: no internet, a source without the file, a file whose hash is not the known one (names both), or one that is
             not trusted.
     """
-    say = progress or (lambda _: None)
     missing = [card for card in cards if status(card, cache_dir, trust) != "ready"]
     for card in missing:
         _check_fetched(card, cache_dir, trust)
@@ -74,12 +72,11 @@ def fetch_all(
         requirements = list(dict.fromkeys(_source(card).requirement for card in missing))
         for i, requirement in enumerate(requirements):
             cards_of_it = [card for card in missing if _source(card).requirement == requirement]
-            _announce(cards_of_it, cache_dir, say)
-            if advance:
-                advance(i, len(requirements))
+            say = partial(progress, STAGE, i, len(requirements))
+            names = ", ".join(card.file_name for card in cards_of_it)
+            say(f"downloading {names} ({requirement}) into {cache_dir}; this happens once")
             _download(cards_of_it, cache_dir, say, trust)
-        if advance:
-            advance(len(requirements), len(requirements))
+        progress(STAGE, len(requirements), len(requirements))
     return [model_path(card, cache_dir) for card in cards]
 
 
@@ -122,12 +119,7 @@ def _check_fetched(card: NetworkCard, cache_dir: Path, trust: Trust) -> None:
         raise ModelError(f"{card.name}: its sha256 stands neither in its card nor in {trust.file(cache_dir)}: refused as locked")
 
 
-def _announce(cards: Sequence[NetworkCard], cache_dir: Path, say: Progress) -> None:
-    names = ", ".join(card.file_name for card in cards)
-    say(f"downloading {names} ({_source(cards[0]).requirement}) into {cache_dir}; this happens once")
-
-
-def _download(cards: Sequence[NetworkCard], cache_dir: Path, say: Progress, trust: Trust) -> None:
+def _download(cards: Sequence[NetworkCard], cache_dir: Path, say: Callable[[str], None], trust: Trust) -> None:
     source = _source(cards[0])
     if isinstance(source, UrlSource):
         # what was received stays there until it is whole
@@ -139,7 +131,7 @@ def _download(cards: Sequence[NetworkCard], cache_dir: Path, say: Progress, trus
         _keep_all(cards, source.download(Path(temporary)), cache_dir, say, trust)
 
 
-def _keep_all(cards: Sequence[NetworkCard], archive: Path, cache_dir: Path, say: Progress, trust: Trust) -> None:
+def _keep_all(cards: Sequence[NetworkCard], archive: Path, cache_dir: Path, say: Callable[[str], None], trust: Trust) -> None:
     for card in cards:
         _keep(card, _read_from(archive, card), cache_dir, _source(card).requirement, trust)
         say(f"{card.file_name}: verified")

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Annotated
@@ -10,24 +10,24 @@ from typing import Annotated
 import numpy as np
 from annotated_types import Ge
 
-from posefuse.core import ConfigError, Detections2D, Frame, JointCentres, Region, Skeleton
+from posefuse.core import ConfigError, Frame, Progress, Region, silent
 from posefuse.core.arrays import Array
 from posefuse.core.protocols import NOISE_NOT_FITTED
-from posefuse.formats.joint_centres import read_joint_centres
 from posefuse.foundation.places import default_cache_dir
 from posefuse.foundation.platform import usable_cores
 from posefuse.foundation.settings import settings
 
 from .boxes import keypoints_of, people_from_outputs
 from .card import PERSONS, OnnxCard, PersonCard, persons_card, read_card
-from .crops import check_regions, img_from_input, input_crop_from_img, letterbox_from_img, region_from_keypoints, warp_to_input
+from .crops import img_from_input, input_crop_from_img, letterbox_from_img, region_from_keypoints, warp_to_input
 from .decode import Keypoints, People
+from .detector import DetectedPerson, NetworkDetector
 from .device import Precision, device_of
 from .engines import OnnxNetwork
 from .files import fetch_all
 from .lock import Trust
 from .noise import keypoint_noise_features, read_noise
-from .search import BoxFinder, PersonFinder, PersonNetwork, SquareFinder, upright_first
+from .search import BoxFinder, PersonFinder, SquareFinder, upright_first
 
 # looked for per image when no regions are given
 _MOST_PEOPLE = 4
@@ -54,12 +54,10 @@ class OnnxConfig:
     lock: str = ""
     up_rad: dict[str, float] = field(default_factory=dict)
 
-    def fetch(
-        self, progress: Callable[[str], None] | None = None, advance: Callable[[int, int], None] | None = None
-    ) -> list[Path]:
+    def fetch(self, progress: Progress = silent) -> list[Path]:
         """The files of the network and of its person detector, those with a source fetched; see `fetch_all`."""
         device_of(self.device)
-        return fetch_all(self.cards(), default_cache_dir(), None, progress, advance, self._trust)
+        return fetch_all(self.cards(), default_cache_dir(), None, progress, self._trust)
 
     def build(self) -> TopDownDetector | OneStageDetector:
         """Read the cards, check and compile their files.
@@ -94,7 +92,7 @@ class OnnxConfig:
 
     def _finder(self, card: OnnxCard, persons: OnnxCard | PersonCard, path: Path) -> PersonFinder:
         if isinstance(persons, PersonCard):
-            return SquareFinder(PersonNetwork.compiled(persons, path, self.precision, self._threads))
+            return SquareFinder(persons, path, self.precision, self._threads)
         return BoxFinder(self._network(persons, path), card.input.size_wh, card.input.padding)
 
     @property
@@ -113,15 +111,6 @@ _IN_REGION = 0.35
 
 
 @dataclass(frozen=True, eq=False)
-class _Person:
-    """One person in raw px: keypoints (K, 2), scores (K,), standard deviations (K,)."""
-
-    xy: Array
-    score: Array
-    sigma_px: Array
-
-
-@dataclass(frozen=True, eq=False)
 class Observed:
     """One person as the network gives them, before any noise model.
 
@@ -135,31 +124,20 @@ class Observed:
     height_px: float
 
 
-class _Networked:
-    """What both kinds have in common; implements `core.Detector` but for `_found` and `_given`."""
+class _Networked(NetworkDetector):
+    """What both kinds of a card's network have in common."""
 
     def __init__(self, network: OnnxNetwork, up_rad: Mapping[str, float]) -> None:
+        super().__init__(network.card.skeleton, network.card.joint_centres_file)
         self._network, self._up_rad = network, up_rad
         self._noise = read_noise(network.card.noise_file)
-        table = network.card.joint_centres_file
-        self._joint_centres = read_joint_centres(table) if table else None
-
-    @property
-    def skeleton(self) -> Skeleton:
-        """The card's keypoint set."""
-        return self._network.card.skeleton
-
-    @property
-    def joint_centres(self) -> JointCentres | None:
-        """The card's fitted table, if it has one."""
-        return self._joint_centres
 
     @property
     def network(self) -> dict[str, str]:
         """Which network it is, where it runs, under which terms, and what was not fitted to it; for people."""
-        card, table = self._network.card, self._joint_centres
+        card = self._network.card
         noise = None if card.noise_file else NOISE_NOT_FITTED
-        centres = None if table else "keypoints as the network marks them, not joint centres"
+        centres = None if self.joint_centres else "keypoints as the network marks them, not joint centres"
         unknown = ", ".join(filter(None, (noise, centres)))
         return {
             "name": card.name,
@@ -169,43 +147,17 @@ class _Networked:
             **({"unknown": unknown} if unknown else {}),
         }
 
-    def detect(self, frames: Sequence[Frame], regions: Sequence[Sequence[Region] | None]) -> list[Detections2D]:
-        """One Detections2D per frame: the people in the given regions, in that order, or all who are found (best first)."""
-        check_regions(frames, regions)
-        searched = [i for i, given in enumerate(regions) if given is None]
-        asked = [(i, given) for i, given in enumerate(regions) if given is not None]
-        people = dict(zip(searched, self._found([frames[i] for i in searched]), strict=True))
-        people |= zip([i for i, _ in asked], self._given([(frames[i], given) for i, given in asked]), strict=True)
-        return [self._result(frame, people[i]) for i, frame in enumerate(frames)]
-
-    def _found(self, frames: Sequence[Frame]) -> list[list[_Person]]:
-        raise NotImplementedError
-
-    def _given(self, asked: Sequence[tuple[Frame, Sequence[Region]]]) -> list[list[_Person]]:
-        raise NotImplementedError
-
-    def observed(self, frame: Frame, region: Region) -> Observed | None:
-        """The person in a region, with all outputs of the network; None for no person. Noise models are fitted to these."""
-        raise NotImplementedError
-
-    def _person(self, seen: Observed) -> _Person:
+    def _person(self, seen: Observed) -> DetectedPerson:
         """A person in raw px; no person where the keypoints score too little on average."""
         score = seen.keypoints.score[0]
         if score.mean() < self._network.card.least_keypoint_score:
-            return self._no_person()
+            return DetectedPerson.missing(len(self.skeleton))
         features = keypoint_noise_features(seen.keypoints, seen.height_px)
         both = seen.height_px * self._noise.sigma(features, self.skeleton.keypoints)[0]
         # one number for both axes of the image: the crop may be turned
         sigma = np.sqrt((both**2).mean(-1) / abs(np.linalg.det(seen.input_from_img[:, :2])))
-        return _Person(img_from_input(seen.input_from_img, seen.keypoints.xy[0]), score, np.where(score > 0, sigma, np.nan))
-
-    def _no_person(self) -> _Person:
-        k = len(self.skeleton)
-        return _Person(np.full((k, 2), np.nan), np.zeros(k), np.full(k, np.nan))
-
-    def _result(self, frame: Frame, people: Sequence[_Person]) -> Detections2D:
-        parts = ([getattr(person, name) for person in people] for name in ("xy", "score", "sigma_px"))
-        return Detections2D.of(frame.camera, frame.t_ns, self.skeleton, *parts)
+        xy = img_from_input(seen.input_from_img, seen.keypoints.xy[0])
+        return DetectedPerson(xy, score, np.where(score > 0, sigma, np.nan))
 
 
 class TopDownDetector(_Networked):
@@ -220,9 +172,9 @@ class TopDownDetector(_Networked):
         super().__init__(network, up_rad)
         self._finder = finder
 
-    def _found(self, frames: Sequence[Frame]) -> list[list[_Person]]:
+    def _found(self, frames: Sequence[Frame]) -> list[list[DetectedPerson]]:
         """Stage by stage, all frames in which no person was found so far together."""
-        found: list[list[_Person]] = [[] for _ in frames]
+        found: list[list[DetectedPerson]] = [[] for _ in frames]
         plans = [self._finder.stages(frame.size_wh, self._up_rad.get(frame.camera, 0.0)) for frame in frames]
         while due := {i: parts for i, plan in enumerate(plans) if not found[i] and (parts := next(plan, None))}:
             regions = self._finder.people([(frames[i], parts) for i, parts in due.items()])
@@ -231,7 +183,7 @@ class TopDownDetector(_Networked):
                 found[i] = self._each_once(people)
         return found
 
-    def _each_once(self, people: Sequence[_Person]) -> list[_Person]:
+    def _each_once(self, people: Sequence[DetectedPerson]) -> list[DetectedPerson]:
         once: dict[int, Region] = {}
         for n, person in enumerate(people):
             region = region_from_keypoints(person.xy, self.skeleton)
@@ -239,15 +191,15 @@ class TopDownDetector(_Networked):
                 once[n] = region
         return [people[n] for n in once]
 
-    def _given(self, asked: Sequence[tuple[Frame, Sequence[Region]]]) -> list[list[_Person]]:
+    def _given(self, asked: Sequence[tuple[Frame, Sequence[Region]]]) -> list[list[DetectedPerson]]:
         looked = iter(self._look([(frame, region) for frame, regions in asked for region in regions]))
         return [[next(looked) for _ in regions] for _, regions in asked]
 
-    def observed(self, frame: Frame, region: Region) -> Observed | None:
-        """See `_Networked`."""
+    def observed(self, frame: Frame, region: Region) -> Observed:
+        """The person in a region, with all outputs of the network. Noise models are fitted to these."""
         return self._observe([(frame, region)])[0]
 
-    def _look(self, crops: Sequence[tuple[Frame, Region]]) -> list[_Person]:
+    def _look(self, crops: Sequence[tuple[Frame, Region]]) -> list[DetectedPerson]:
         return [self._person(seen) for seen in self._observe(crops)]
 
     def _observe(self, crops: Sequence[tuple[Frame, Region]]) -> list[Observed]:
@@ -270,16 +222,16 @@ class OneStageDetector(_Networked):
         up_rad: per camera, see `OnnxConfig`.
     """
 
-    def _found(self, frames: Sequence[Frame]) -> list[list[_Person]]:
+    def _found(self, frames: Sequence[Frame]) -> list[list[DetectedPerson]]:
         return [people[:_MOST_PEOPLE] for people in self._everybody(frames)]
 
-    def _given(self, asked: Sequence[tuple[Frame, Sequence[Region]]]) -> list[list[_Person]]:
+    def _given(self, asked: Sequence[tuple[Frame, Sequence[Region]]]) -> list[list[DetectedPerson]]:
         everybody = iter(self._everybody([frame for frame, regions in asked if regions]))
         return [self._chosen(next(everybody), regions) if regions else [] for _, regions in asked]
 
-    def _everybody(self, frames: Sequence[Frame]) -> list[list[_Person]]:
+    def _everybody(self, frames: Sequence[Frame]) -> list[list[DetectedPerson]]:
         """Everybody in each image; a tilted camera's as it is where no person is found upright."""
-        found: list[list[_Person]] = [[] for _ in frames]
+        found: list[list[DetectedPerson]] = [[] for _ in frames]
         directions = [upright_first(self._up_rad.get(frame.camera, 0.0)) for frame in frames]
         for attempt in range(max(map(len, directions), default=0)):
             due = [i for i, people in enumerate(found) if not people and attempt < len(directions[i])]
@@ -288,13 +240,13 @@ class OneStageDetector(_Networked):
         return found
 
     def observed(self, frame: Frame, region: Region) -> Observed | None:
-        """See `_Networked`; the whole image is looked at, as in use."""
+        """The same; the whole image is looked at, as in use. None for no person."""
         people = self._observe([(frame, 0.0)])[0]
         middles = [img_from_input(seen.input_from_img, np.nanmean(seen.keypoints.xy[0], axis=0)) for seen in people]
         away = [float(np.linalg.norm(middle - region.centre_img)) / region.side_px for middle in middles]
         return people[int(np.argmin(away))] if away and min(away) < _IN_REGION else None
 
-    def _look(self, images: Sequence[tuple[Frame, float]]) -> list[list[_Person]]:
+    def _look(self, images: Sequence[tuple[Frame, float]]) -> list[list[DetectedPerson]]:
         made = [[self._person(seen) for seen in people] for people in self._observe(images)]
         return [[person for person in people if person.score.any()] for people in made]
 
@@ -320,14 +272,14 @@ class OneStageDetector(_Networked):
             Observed(seen.only(i), input_from_img, h) for i, h in enumerate(heights.tolist()) if np.isfinite(seen.xy[i]).any()
         ]
 
-    def _chosen(self, people: Sequence[_Person], regions: Sequence[Region]) -> list[_Person]:
+    def _chosen(self, people: Sequence[DetectedPerson], regions: Sequence[Region]) -> list[DetectedPerson]:
         """For each region the person whose middle is nearest to its centre, no person where that is too far."""
         middles = np.array([np.nanmean(person.xy, axis=0) for person in people]).reshape(-1, 2)
         chosen = []
         for region in regions:
             away = np.linalg.norm(middles - region.centre_img, axis=-1) / region.side_px
             near = len(people) > 0 and away.min() < _IN_REGION
-            chosen.append(people[int(away.argmin())] if near else self._no_person())
+            chosen.append(people[int(away.argmin())] if near else DetectedPerson.missing(len(self.skeleton)))
         return chosen
 
 

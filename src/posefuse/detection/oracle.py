@@ -13,7 +13,7 @@ from typing import Annotated
 import numpy as np
 from annotated_types import Ge, Gt, Le
 
-from posefuse.core import CameraTruth, Detections2D, Frame, InputError, Region, Skeleton, Truth
+from posefuse.core import CameraTruth, Detections2D, Frame, InputError, Region, Truth
 from posefuse.core.arrays import Array
 from posefuse.core.errors import choices
 from posefuse.core.view_sequences import ViewSequence
@@ -80,16 +80,8 @@ class OracleDetector:
     def __init__(self, truth: Truth, noise: OracleNoise | None = None, seed: int = 0) -> None:
         self._truth, self._noise, self._seed = truth, noise or OracleNoise(), seed
         self._place = {view.camera: c for c, view in enumerate(truth.views)}
-
-    @property
-    def skeleton(self) -> Skeleton:
-        """The truth's."""
-        return self._truth.skeleton
-
-    @property
-    def joint_centres(self) -> None:
-        """The truth's keypoints are joint centres."""
-        return None
+        # the truth's keypoints are joint centres
+        self.skeleton, self.joint_centres = truth.skeleton, None
 
     def detect(self, frames: Sequence[Frame], regions: Sequence[Sequence[Region] | None]) -> list[Detections2D]:
         """All visible people; with regions, for each region the person whose centre is inside and nearest to its centre.

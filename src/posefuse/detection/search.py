@@ -8,7 +8,6 @@ whole person).
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
 from typing import Protocol
@@ -76,29 +75,8 @@ _FIRST_POINT = 4
 _LEAST_SCORE = 0.5
 
 
-@dataclass(frozen=True, eq=False)
-class PersonNetwork:
-    """A person detector and how to read it."""
-
-    network: BlazePoseNetwork
-    decoding: PersonDecoding
-
-    @classmethod
-    def compiled(cls, card: PersonCard, file: Path, precision: Precision, streams: int, device: Device = CPU) -> PersonNetwork:
-        """The card's network, ready."""
-        outputs = (card.decoding.boxes, card.decoding.scores)
-        return cls(BlazePoseNetwork(file, outputs, card.input, precision, streams, device), card.decoding)
-
-    def scored(self, squares: Sequence[tuple[Frame, Region]]) -> Iterator[list[tuple[float, Region]]]:
-        """For each square of an image its people with their scores, see `regions_from_outputs`."""
-        side = self.network.side_px
-        boxes, logits = self.network(Crops([(frame.image, square) for frame, square in squares], side))
-        for (_, square), box, logit in zip(squares, boxes, logits, strict=True):
-            yield regions_from_outputs(box, logit, self.decoding, square, side)
-
-
 def regions_from_outputs(
-    boxes: Array, logits: Array, decoding: PersonDecoding, looked_at: Region, side_px: int, least_score: float = _LEAST_SCORE
+    boxes: Array, logits: Array, decoding: PersonDecoding, looked_at: Region, side_px: int
 ) -> list[tuple[float, Region]]:
     """People found in one crop, best first, as (score, region in raw px).
 
@@ -108,10 +86,9 @@ def regions_from_outputs(
         decoding: how to read them.
         looked_at: the region the crop was cut from.
         side_px: of the crop.
-        least_score: below it no person is there.
     """
     score = 1 / (1 + np.exp(-np.clip(logits[:, 0].astype(np.float64), -100, 100)))
-    likely = np.flatnonzero(score >= least_score)
+    likely = np.flatnonzero(score >= _LEAST_SCORE)
     likely = likely[np.argsort(-score[likely], kind="stable")]
     cells = _anchor_centres(decoding.grids, side_px)[likely]
     raw = boxes[likely].astype(np.float64)
@@ -203,10 +180,16 @@ class BoxFinder:
 
 
 class SquareFinder:
-    """The person detector that comes with BlazePose: squares of the image, ever closer."""
+    """The person detector that comes with BlazePose: squares of the image, ever closer.
 
-    def __init__(self, network: PersonNetwork) -> None:
-        self._persons = network
+    Args:
+        card, file: of its network. precision, streams, device: see `BlazePoseNetwork`.
+    """
+
+    def __init__(self, card: PersonCard, file: Path, precision: Precision, streams: int, device: Device = CPU) -> None:
+        outputs = (card.decoding.boxes, card.decoding.scores)
+        self._network = BlazePoseNetwork(file, outputs, card.input, precision, streams, device)
+        self._decoding = card.decoding
 
     def stages(self, size_wh: tuple[int, int], up_rad: float) -> Iterator[list[Region]]:
         """See `PersonFinder`."""
@@ -214,7 +197,13 @@ class SquareFinder:
 
     def people(self, looks: Sequence[tuple[Frame, Sequence[Region]]]) -> list[list[Region]]:
         """See `PersonFinder`."""
-        scored = self._persons.scored([(frame, square) for frame, squares in looks for square in squares])
+        side = self._network.side_px
+        squares = [(frame.image, square) for frame, some in looks for square in some]
+        boxes, logits = self._network(Crops(squares, side))
+        scored = (
+            regions_from_outputs(box, logit, self._decoding, square, side)
+            for (_, square), box, logit in zip(squares, boxes, logits, strict=True)
+        )
         found = [[entry for _ in squares for entry in next(scored)] for _, squares in looks]
         return [[region for _, region in sorted(one, key=lambda entry: -entry[0])] for one in found]
 

@@ -58,9 +58,6 @@ class DepthFolder:
         self._t_ns = np.array([int(path.stem) * 1000 for path in self._paths], np.int64)
         self._unit_m, self._noise = _about(folder / ABOUT_FILE)
 
-    def __len__(self) -> int:
-        return len(self._paths)
-
     def at(self, t_ns: int, size_wh: tuple[int, int]) -> DepthImage | None:
         """The image of a frame at this time of the file; None where there is none. Raises InputError for a wrong one."""
         nearest = int(np.abs(self._t_ns - t_ns).argmin())

@@ -1,4 +1,4 @@
-"""Detections stored while they are made: an append-only file that loses nothing but its last moment, whatever happens.
+"""Detections stored while they are made: an append-only file that loses nothing but its end, whatever happens.
 
 A header, then one record per answer of the detector. Each begins with its length and CRC-32, so that a tail that was cut off or
 never reached the disk is detected. Numbers are little endian. Depth follows the other arrays of a camera that has any, whose

@@ -114,7 +114,8 @@ def _long(table: _Table, person: int | None) -> NamedPoints:
     ids = table.numbers("person")
     people = np.unique(ids[np.isfinite(ids)])
     if not len(people) or (person is not None and person not in people):
-        raise InputError(f"{table.path}: no person {'' if person is None else person}; there are: {choices(map(_whole, people))}")
+        there = choices(f"{one:g}" for one in people)
+        raise InputError(f"{table.path}: no person {'' if person is None else person}; there are: {there}")
     mine = np.flatnonzero(ids == (people[0] if person is None else person))
     keypoints = [table.text("keypoint")[i] for i in mine]
     times, place_t = np.unique(table.numbers("t_s")[mine], return_inverse=True)
@@ -125,10 +126,6 @@ def _long(table: _Table, person: int | None) -> NamedPoints:
     xyz = np.full((len(times), len(names), 3), np.nan)
     xyz[place_t, place_k] = np.stack([table.numbers(f"{axis}_m")[mine] for axis in "xyz"], axis=-1)
     return _in_order(table.path, names, times, xyz)
-
-
-def _whole(value: float) -> str:
-    return f"{value:g}"
 
 
 def _in_order(path: Path, names: Sequence[str], t_s: Array, xyz_m: Array) -> NamedPoints:

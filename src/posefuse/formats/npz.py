@@ -1,4 +1,4 @@
-"""Arrays in .npz files, read so that any damage is one clear error."""
+"""Arrays in .npz files: the same arrays give the same bytes, and any damage is one clear error."""
 
 from __future__ import annotations
 
@@ -7,12 +7,15 @@ import struct
 import tokenize
 import zipfile
 import zlib
+from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from posefuse.core import InputError
 from posefuse.core.arrays import Array, give_away
+from posefuse.foundation.output_file import atomic_file
 from posefuse.foundation.parsing import one_line
 
 # what zipfile, its decompressors and NumPy's header parser raise on damaged bytes (encrypted: RuntimeError;
@@ -46,6 +49,15 @@ def read_arrays(path: Path) -> dict[str, Array]:
             return arrays
     except DAMAGED as error:
         raise InputError(f"{path}: not an .npz file that can be read ({one_line(error)})") from None
+
+
+def write_arrays(path: Path, arrays: Mapping[str, Any]) -> None:
+    """Write named arrays as .npz whose bytes depend on nothing but them; raises InputError when that fails."""
+    try:
+        with atomic_file(path) as staged:
+            np.savez_compressed(staged, **arrays)
+    except OSError as error:
+        raise InputError(f"{path}: cannot be written ({error})") from None
 
 
 def _check_expansion(path: Path) -> None:

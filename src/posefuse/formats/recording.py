@@ -16,14 +16,12 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from posefuse.core import SE3, Camera, InputError, Observations, PosefuseError, PoseSequence, Recording, Rig, Skeleton
 from posefuse.core.observations import OBSERVATION_ARRAYS
-from posefuse.foundation.output_file import atomic_file, write_text
+from posefuse.foundation.output_file import write_text
 from posefuse.foundation.parsing import one_line, parse_json, read_text
 
-from .npz import DAMAGED, read_arrays
+from .npz import DAMAGED, read_arrays, write_arrays
 from .rig import read_rig, write_rig
 
 # A rig as plain JSON values to the last bit, which files for other programs do not keep.
@@ -106,9 +104,8 @@ def write_recording(folder: Path, recording: Recording) -> list[Path]:
         text = json.dumps(about, indent=2, ensure_ascii=False)
     except (TypeError, ValueError) as error:
         raise InputError(f"{folder / ABOUT_FILE}: provenance: expected plain JSON values ({error})") from None
-    for name, content in ((ARRAYS_FILE, arrays), (OBSERVATIONS_FILE, observed)):
-        with atomic_file(folder / name) as staged:
-            np.savez_compressed(staged, **content)
+    write_arrays(folder / ARRAYS_FILE, arrays)
+    write_arrays(folder / OBSERVATIONS_FILE, observed)
     write_rig(folder / RIG_FILE, recording.rig)
     write_text(folder / ABOUT_FILE, text + "\n")
     return [folder / name for name in RECORDING_FILES]

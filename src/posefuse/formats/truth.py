@@ -6,9 +6,7 @@ Arrays: ``t_ns person_id xyz_world`` and, per camera number i, ``view<i>_t_ns vi
 
 from __future__ import annotations
 
-import io
 import json
-import zipfile
 from pathlib import Path
 from typing import Any
 
@@ -16,15 +14,13 @@ import numpy as np
 
 from posefuse.core import SE3, SKELETONS, CameraTruth, InputError, JointAngles, PosefuseError, Rig, Truth
 from posefuse.core.arrays import Array
-from posefuse.foundation.output_file import atomic_file
 from posefuse.foundation.parsing import one_line, parse_json, short
 
-from .npz import DAMAGED, read_arrays
+from .npz import DAMAGED, read_arrays, write_arrays
 from .recording import camera_from_values, camera_values
 
 LOOP_FILE = "loop.json"
 _FORMAT = "posefuse truth 1"
-_EPOCH = (1980, 1, 1, 0, 0, 0)
 
 
 def write_truth(path: Path, truth: Truth) -> None:
@@ -93,20 +89,6 @@ def read_loop(folder: Path) -> int | None:
     if not isinstance(loop, dict) or not isinstance(loop.get("loop_ns"), int) or loop["loop_ns"] <= 0:
         raise InputError(f'{path}: expected {{"loop_ns": nanoseconds > 0}}, got {one_line(loop)}')
     return int(loop["loop_ns"])
-
-
-def write_arrays(path: Path, arrays: dict[str, Array]) -> None:
-    """Write named arrays as .npz whose bytes depend on nothing but them; raises InputError when that fails."""
-    try:
-        with atomic_file(path) as staged, zipfile.ZipFile(staged, "w", zipfile.ZIP_DEFLATED) as archive:
-            for name, array in arrays.items():
-                buffer = io.BytesIO()
-                np.lib.format.write_array(buffer, np.ascontiguousarray(array), allow_pickle=False)
-                entry = zipfile.ZipInfo(f"{name}.npy", _EPOCH)
-                entry.compress_type = zipfile.ZIP_DEFLATED
-                archive.writestr(entry, buffer.getvalue())
-    except OSError as error:
-        raise InputError(f"{path}: cannot be written ({error})") from None
 
 
 def _joints(arrays: dict[str, Array], names: dict[str, Any]) -> JointAngles:

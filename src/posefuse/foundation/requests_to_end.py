@@ -88,7 +88,7 @@ def handling(numbers: Iterable[int], handler: Any) -> Iterator[Mapping[int, Any]
 
 @contextmanager
 def children_ignore_requests() -> Iterator[None]:
-    """Processes started within ignore Ctrl-C and hang-ups from their first moment on; `leave_requests_to_parent` keeps it so.
+    """Processes started within ignore Ctrl-C and hang-ups from their start on; `leave_requests_to_parent` keeps it so.
 
     They would print a trace of what they import just then. Only the main thread can see to it.
     """

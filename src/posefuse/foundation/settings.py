@@ -7,7 +7,7 @@ import inspect
 import re
 from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar, dataclass_transform
+from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar, dataclass_transform, get_args, get_type_hints
 
 from posefuse.core import ConfigError
 from posefuse.core.errors import choices
@@ -93,15 +93,11 @@ def _sibling_names(cls: type[Any], loc: tuple[str | int, ...]) -> list[str]:
 
 
 def _resolved(cls: type[Any], name: str) -> Any:
-    from typing import get_type_hints
-
     return get_type_hints(cls)[name]
 
 
 def _settings_inside(annotation: Any) -> list[type[Any]]:
     """The settings classes an annotation can stand for (through unions, lists, dicts and Annotated)."""
-    from typing import get_args
-
     if isinstance(annotation, type) and dataclasses.is_dataclass(annotation):
         return [annotation]
     return [found for part in get_args(annotation) for found in _settings_inside(part)]
@@ -147,8 +143,6 @@ class Setting(NamedTuple):
 
 def setting_of(cls: type[Any], key: str) -> Setting:
     """The setting with a dotted key."""
-    from typing import get_type_hints
-
     *groups, name = key.split(".")
     for one in groups:
         cls = _resolved(cls, one)

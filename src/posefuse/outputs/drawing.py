@@ -1,4 +1,4 @@
-"""How a skeleton looks in a picture: colours by side, one tile per camera."""
+"""How a skeleton looks in an image: colours by side, one tile per camera."""
 
 from __future__ import annotations
 

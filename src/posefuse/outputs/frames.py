@@ -139,14 +139,10 @@ class OneFileWriter:
 
     def __init__(self, recording: Recording, path: Path) -> None:
         self._recording, self._path, self._whole = recording, path, ExitStack()
+        self.files = [path]
 
     def __exit__(self, *problem: Any) -> None:
         self._whole.__exit__(*problem)
-
-    @property
-    def files(self) -> list[Path]:
-        """The file made, once it has ended."""
-        return [self._path]
 
 
 def every_time_step(recording: Recording, frame_sets: FrameSets) -> Iterator[tuple[int, Frames]]:

@@ -32,7 +32,9 @@ def plot_keypoint(
         InputError: no such keypoint or person, or not three axes.
     """
     poses = recording.poses
-    k, n = _place(poses.skeleton.keypoints, keypoint, "keypoint"), person_place(recording, person_id)
+    if keypoint not in poses.skeleton.keypoints:
+        raise InputError(f"no keypoint {keypoint!r}; there are: {choices(poses.skeleton.keypoints)}")
+    k, n = poses.skeleton.index(keypoint), person_place(recording, person_id)
     drawn = list(axes) if axes is not None else _new_axes(3)
     if len(drawn) != 3:
         raise InputError(f"plot: expected 3 axes (x, y, z), got {len(drawn)}")
@@ -90,9 +92,3 @@ def _new_axes(count: int) -> list[Any]:
         count, 1, sharex=True, figsize=(8, 2.4 * count if count > 1 else 3.6), layout="constrained", squeeze=False
     )
     return list(axes[:, 0])
-
-
-def _place(names: Sequence[str], name: str, what: str) -> int:
-    if name not in names:
-        raise InputError(f"no {what} {name!r}; there are: {choices(names)}")
-    return list(names).index(name)

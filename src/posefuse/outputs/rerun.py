@@ -142,7 +142,7 @@ class _RerunWriter(OneFileWriter):
 
         recording, camera = self._recording, self._cameras[c]
         if self._config.image_px:
-            image = None if frame is None else _jpeg(frame.image, camera.size_wh, _JPEG_QUALITY)
+            image = None if frame is None else _jpeg(frame.image, camera.size_wh)
             blank = rr.Clear(recursive=False) if image is None else rr.EncodedImage(contents=image, media_type="image/jpeg")
             self._stream.log(f"{camera_path(camera.name)}/image", blank)
         scale = np.array(camera.size_wh) / recording.rig.cameras[c].size_wh
@@ -169,10 +169,10 @@ def _shown(camera: Camera, longest_px: int) -> Camera:
     return camera.scaled(shrunk_wh(camera.size_wh, longest_px)) if longest_px else camera
 
 
-def _jpeg(image: Array, size_wh: tuple[int, int], quality: int) -> bytes:
+def _jpeg(image: Array, size_wh: tuple[int, int]) -> bytes:
     import cv2
 
-    return jpeg_of(cv2.resize(image, size_wh, interpolation=cv2.INTER_AREA), quality)
+    return jpeg_of(cv2.resize(image, size_wh, interpolation=cv2.INTER_AREA), _JPEG_QUALITY)
 
 
 def _mean_over_keypoints(values: Array) -> Array:

@@ -149,18 +149,12 @@ def log_detections(stream: rr.RecordingStream, camera: str, xy_img: Array, rgb: 
     stream.log(f"{camera_path(camera)}/detections", points)
 
 
-def camera_views(names: Sequence[str]) -> Any:
-    """A grid of all cameras' images."""
-    import rerun.blueprint as rrb
-
-    return rrb.Grid(*(rrb.Spatial2DView(origin=camera_path(name), contents=["$origin/**"], name=name) for name in names))
-
-
 def session_blueprint(names: Sequence[str], below: Sequence[Any]) -> rr.blueprint.Blueprint:
     """3D on the left, all cameras on the right, plots and texts below."""
     import rerun.blueprint as rrb
 
-    above = rrb.Horizontal(rrb.Spatial3DView(origin="world", name="3D"), camera_views(names), column_shares=[3, 4])
+    views = (rrb.Spatial2DView(origin=camera_path(name), contents=["$origin/**"], name=name) for name in names)
+    above = rrb.Horizontal(rrb.Spatial3DView(origin="world", name="3D"), rrb.Grid(*views), column_shares=[3, 4])
     return rrb.Blueprint(rrb.Vertical(above, rrb.Horizontal(*below), row_shares=[3, 1]), collapse_panels=True)
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import io
 import re
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from typing import Any, Protocol, runtime_checkable
 
 import av
@@ -19,6 +19,8 @@ from posefuse.formats.pixels import Pixels, RgbPixels
 _COPIED_CODECS = ("h264", "hevc", "mjpeg", "av1")
 # those whose decoder needs its parameters before the first packet
 _NEED_PARAMETERS = ("h264", "hevc", "av1")
+# the fields of `Frame`, but for its image
+_OF_BOTH = tuple(field.name for field in fields(Frame) if field.name != "image")
 
 
 @dataclass(frozen=True, eq=False, kw_only=True, slots=True)
@@ -36,27 +38,11 @@ class Arrived:
     @classmethod
     def of(cls, frame: Frame) -> Arrived:
         """A frame whose image is RGB already."""
-        return cls(
-            camera=frame.camera,
-            seq=frame.seq,
-            t_ns=frame.t_ns,
-            received_ns=frame.received_ns,
-            pixels=RgbPixels(frame.image),
-            encoded=frame.encoded,
-            depth=frame.depth,
-        )
+        return cls(pixels=RgbPixels(frame.image), **{name: getattr(frame, name) for name in _OF_BOTH})
 
     def frame(self) -> Frame:
         """With its image."""
-        return Frame(
-            camera=self.camera,
-            seq=self.seq,
-            t_ns=self.t_ns,
-            received_ns=self.received_ns,
-            image=self.pixels.rgb(),
-            encoded=self.encoded,
-            depth=self.depth,
-        )
+        return Frame(image=self.pixels.rgb(), **{name: getattr(self, name) for name in _OF_BOTH})
 
 
 @runtime_checkable

@@ -56,30 +56,33 @@ class RecordedSource(Source, Protocol):
         ...
 
 
-class CountedSource:
-    """A source from a time on, that remembers what it delivered; otherwise the source itself.
+class _SourceOf:
+    """A source that changes the frames of another one; all else is that one's."""
+
+    def __init__(self, source: RecordedSource) -> None:
+        self._source = source
+        self.camera, self.size_wh, self.stated_frames = source.camera, source.size_wh, source.stated_frames
+
+    def times_ns(self) -> Array:
+        """Those of the source."""
+        return self._source.times_ns()
+
+    def close(self) -> None:
+        """Close the source."""
+        self._source.close()
+
+
+class CountedSource(_SourceOf):
+    """A source from a time on, that remembers what it delivered.
 
     Args:
         begin_ns: frames before it are left out. earlier_ns: of these, times of those that were delivered already.
     """
 
     def __init__(self, source: RecordedSource, begin_ns: int, earlier_ns: Sequence[int] = ()) -> None:
-        self._source, self._begin_ns, self._earlier_ns = source, begin_ns, earlier_ns
+        super().__init__(source)
+        self._begin_ns, self._earlier_ns = begin_ns, earlier_ns
         self._delivered_ns: list[int] = []
-
-    @property
-    def camera(self) -> str:
-        """Name of the camera."""
-        return self._source.camera
-
-    @property
-    def size_wh(self) -> tuple[int, int]:
-        """(width, height) of every frame in px."""
-        return self._source.size_wh
-
-    def times_ns(self) -> Array:
-        """(F,) int64 session times of the frames it lists."""
-        return self._source.times_ns()
 
     def frames(self) -> Iterator[Frame]:
         """Frames in time order from the time on, counted again."""
@@ -87,10 +90,6 @@ class CountedSource:
         for frame in self._source.frames_from(self._begin_ns):
             self._delivered_ns.append(frame.t_ns)
             yield frame
-
-    def close(self) -> None:
-        """Close the source."""
-        self._source.close()
 
     def coverage(self, start_ns: int, end_ns: int) -> Coverage:
         """What the last call of `frames` delivered from `start_ns` to `end_ns`."""
@@ -131,7 +130,7 @@ def _line(one: Coverage, last_ns: int) -> str | None:
     return f"camera {one.camera}: {stops}" if stops else None
 
 
-class DepthSource:
+class DepthSource(_SourceOf):
     """The same frames with depth, where the folder has an image of that time; implements `RecordedSource`.
 
     Args:
@@ -143,21 +142,12 @@ class DepthSource:
     """
 
     def __init__(self, source: RecordedSource, folder: Path, offset_s: float = 0.0, drift_ppm: float = 0.0) -> None:
-        self._source, self._offset_ns, self._stretch = source, offset_s * 1e9, 1 + drift_ppm * 1e-6
-        self.camera, self.size_wh = source.camera, source.size_wh
+        super().__init__(source)
+        self._offset_ns, self._stretch = offset_s * 1e9, 1 + drift_ppm * 1e-6
         try:
             self._depth = DepthFolder(folder)
         except (InputError, OSError) as error:
             raise SourceError(f"{folder}: camera {source.camera}: {error}") from None
-
-    @property
-    def stated_frames(self) -> int:
-        """That of the source."""
-        return self._source.stated_frames
-
-    def times_ns(self) -> Array:
-        """Those of the source."""
-        return self._source.times_ns()
 
     def frames(self) -> Iterator[Frame]:
         """The source's frames; raises SourceError for a depth image that cannot be read."""
@@ -174,7 +164,3 @@ class DepthSource:
             except InputError as error:
                 raise SourceError(f"camera {self.camera}: {error}") from None
             yield replace(frame, depth=depth)
-
-    def close(self) -> None:
-        """Close the source."""
-        self._source.close()

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -51,15 +51,11 @@ class ImagesSource:
         if not Path(config.path).is_dir():
             raise SourceError(f"{self._where}: no such folder")
         self._times_s = self._read_times()
+        self.stated_frames = len(self._times_s)
         first = next(self.frames(), None)
         if first is None:
             raise SourceError(f"{self._where}: no readable image in the folder; known: {' '.join(IMAGE_SUFFIXES)}")
         self.size_wh = first.size_wh
-
-    @property
-    def stated_frames(self) -> int:
-        """Images in the folder or its table of times."""
-        return len(self._times_s)
 
     def times_ns(self) -> Array:
         """(F,) int64 session times of all frames, without reading them."""
@@ -74,25 +70,31 @@ class ImagesSource:
 
     def frames(self) -> Iterator[Frame]:
         """Frames in time order from the start."""
-        return self._read(self._times_s)
+        return self._read(0)
 
     def frames_from(self, begin_ns: int) -> Iterator[Frame]:
         """See `RecordedSource`."""
-        return self._read([one for one in self._times_s if self._session_ns(one[1]) >= begin_ns])
+        return self._read(int(np.searchsorted(self.times_ns(), begin_ns)))
 
-    def _read(self, listed: Sequence[tuple[Path, float]]) -> Iterator[Frame]:
+    def at(self, i: int) -> Frame | None:
+        """Frame i of those that are listed; None for an image that cannot be read."""
+        path, time_s = self._times_s[i]
+        image = cv2.imread(str(path), cv2.IMREAD_COLOR_RGB)
+        t_ns = self._session_ns(time_s)
+        return None if image is None else Frame(camera=self.camera, seq=i, t_ns=t_ns, received_ns=t_ns, image=image)
+
+    def _read(self, first: int) -> Iterator[Frame]:
         self.broken_frames = 0
         size_wh: tuple[int, int] | None = None
-        for seq, (path, time_s) in enumerate(listed, start=len(self._times_s) - len(listed)):
-            image = cv2.imread(str(path), cv2.IMREAD_COLOR)
-            if image is None:
+        for i in range(first, len(self._times_s)):
+            frame = self.at(i)
+            if frame is None:
                 self.broken_frames += 1
                 continue
-            t_ns = self._session_ns(time_s)
-            frame = Frame(camera=self.camera, seq=seq, t_ns=t_ns, received_ns=t_ns, image=cv2.cvtColor(image, cv2.COLOR_BGR2RGB))
             size_wh = size_wh or frame.size_wh
             if frame.size_wh != size_wh:
-                raise SourceError(f"{self._where}: {path.name} is {frame.size_wh}, the first image was {size_wh} px")
+                name = self._times_s[i][0].name
+                raise SourceError(f"{self._where}: {name} is {frame.size_wh}, the first image was {size_wh} px")
             yield frame
 
     def close(self) -> None:

@@ -3,12 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from fractions import Fraction
 from threading import Lock
 from typing import Protocol
 
 import av
-import cv2
 import numpy as np
 from av.video.frame import VideoFrame
 
@@ -18,7 +16,7 @@ from posefuse.core.view_sequences import nearest_frames
 from posefuse.formats.pixels import DecodedPixels, PixelConverter
 
 from .images import ImagesSource
-from .video import ARBITRARY_START, VideoConfig, opened_video, session_ns
+from .video import VideoConfig, listed_frames, opened_video
 
 # a jump costs about as much as so many frames
 _READ_ON = 8
@@ -51,6 +49,9 @@ class VideoSeeker:
 
     Reading on from frame to frame decodes each once.
 
+    Attributes:
+        times_ns: (F,) session times of all frames that the file lists.
+
     Raises:
         SourceError: the file cannot be opened, or lists no frame.
     """
@@ -58,27 +59,19 @@ class VideoSeeker:
     def __init__(self, config: VideoConfig) -> None:
         self._config, self._lock = config, Lock()
         self._container = opened_video(config)
-        stream = self._stream = self._container.streams.video[0]
+        self._stream = self._container.streams.video[0]
         # frames at once come later: after each jump, as many more are decoded as there are threads
-        stream.thread_type = "AUTO" if config.threads else "NONE"
-        self._base = Fraction(stream.time_base or 1)
-        packets = list(_listed(self._container))
-        ticks = sorted({pts for pts, _ in packets})
-        if not ticks:
+        self._stream.thread_type = "AUTO" if config.threads else "NONE"
+        listed = self._listed = listed_frames(self._container)
+        if not listed.ticks:
             self._container.close()
-            raise SourceError(f"{self._where}: no frame is listed; is the file complete?")
-        start = ticks[0] if self._container.format.name in ARBITRARY_START else 0
-        self._ticks = np.array(ticks, np.int64)
-        self._keys = np.array(sorted(pts for pts, key in packets if key) or ticks[:1], np.int64)
-        self._times_ns = np.array([session_ns(config, (tick - start) * self._base) for tick in ticks], np.int64)
+            raise SourceError(f"{config.where}: no frame is listed; is the file complete?")
+        self._ticks = np.array(listed.ticks, np.int64)
+        self._keys = np.array([*listed.keys] or listed.ticks[:1], np.int64)
+        self.times_ns = listed.times_ns(config)
         self._pixels = PixelConverter()
         self._decoding: Iterator[VideoFrame] = iter(())
         self._last: tuple[int, VideoFrame] | None = None
-
-    @property
-    def times_ns(self) -> Array:
-        """(F,) session times of all frames that the file lists."""
-        return self._times_ns
 
     def at(self, i: int) -> Frame:
         """Frame i, or the first after it that can be decoded."""
@@ -88,17 +81,13 @@ class VideoSeeker:
                 self._last = self._reach(tick)
             decoded = self._last[1]
             image = DecodedPixels(decoded, self._pixels).rgb()
-        t_ns = int(self._times_ns[i])
+        t_ns = int(self.times_ns[i])
         return Frame(camera=self._config.camera, seq=i, t_ns=t_ns, received_ns=t_ns, image=image)
 
     def close(self) -> None:
         """Release the file."""
         with self._lock:
             self._container.close()
-
-    @property
-    def _where(self) -> str:
-        return f"{self._config.path}: camera {self._config.camera}"
 
     def _reach(self, tick: int) -> tuple[int, VideoFrame]:
         """Decode to the frame of this time: on from the last one where that is near, else from a key frame before."""
@@ -115,7 +104,8 @@ class VideoSeeker:
             if found is not None:
                 return tick, found
         self._last = None
-        raise SourceError(f"{self._where}: frame at {float(tick * self._base):.3f} s of the file cannot be decoded")
+        time_s = float(tick * self._listed.base_s)
+        raise SourceError(f"{self._config.where}: frame at {time_s:.3f} s of the file cannot be decoded")
 
     def _is_near(self, last: int, tick: int, key: int) -> bool:
         """Whether reading on from the last frame decodes hardly more than starting at the key frame."""
@@ -145,36 +135,17 @@ class VideoSeeker:
 
 
 class ImagesSeeker:
-    """Frames of an image folder."""
+    """Frames of an image folder, all of them at `times_ns` (F,)."""
 
     def __init__(self, source: ImagesSource) -> None:
-        self._source = source
-        self._paths = source.paths()
-        self._times_ns = source.times_ns()
-
-    @property
-    def times_ns(self) -> Array:
-        """(F,) session times of all frames."""
-        return self._times_ns
+        self._source, self.times_ns = source, source.times_ns()
 
     def at(self, i: int) -> Frame:
         """Frame i."""
-        image = cv2.imread(str(self._paths[i]), cv2.IMREAD_COLOR)
-        if image is None:
-            raise SourceError(f"{self._paths[i]}: cannot be read as an image")
-        t_ns = int(self._times_ns[i])
-        rgb = cv2.cvtColor(image, cv2.COLOR_BGR2RGB)
-        return Frame(camera=self._source.camera, seq=i, t_ns=t_ns, received_ns=t_ns, image=rgb)
+        frame = self._source.at(i)
+        if frame is None:
+            raise SourceError(f"{self._source.paths()[i]}: cannot be read as an image")
+        return frame
 
     def close(self) -> None:
         """Nothing stays open between frames."""
-
-
-def _listed(container: av.container.InputContainer) -> Iterator[tuple[int, bool]]:
-    """(presentation time in ticks, key frame) of every packet, up to the first that cannot be read."""
-    try:
-        for packet in container.demux(container.streams.video[0]):
-            if packet.pts is not None:
-                yield packet.pts, packet.is_keyframe
-    except av.error.FFmpegError:
-        return

@@ -27,7 +27,7 @@ from .arriving import Arrived, PendingPackets
 VIDEO_SUFFIXES = (".mp4", ".mkv", ".mov", ".avi", ".webm", ".m4v", ".mpg", ".mpeg", ".ts", ".mts", ".m2ts")
 
 # these start at an arbitrary time (a broadcast clock), so only times since the first frame mean anything
-ARBITRARY_START = ("mpegts", "avi", "mpeg")
+_ARBITRARY_START = ("mpegts", "avi", "mpeg")
 _MOST_BROKEN_IN_A_ROW = 30
 _FIRST_YEAR = 2000
 # FFmpeg also opens playlists and descriptions in XML, which name other files, and damaged ones of which crash it
@@ -56,6 +56,11 @@ class VideoConfig:
     keep_encoded: bool = False
     threads: bool = True
 
+    @property
+    def where(self) -> str:
+        """File and camera, for messages."""
+        return f"{self.path}: camera {self.camera}"
+
     def build(self) -> VideoSource:
         """Open the file and look at its first frame; raises SourceError when that cannot be done."""
         return VideoSource(self)
@@ -78,6 +83,9 @@ class VideoSource:
 
     Times are those written in the file; containers whose clock starts anywhere (MPEG-TS, AVI) count from their first
     frame. A turned phone video is turned upright as the file asks.
+
+    Attributes:
+        stated_frames: by the file's header, more than `times_ns` where its end is missing; 0 where it states none.
     """
 
     def __init__(self, config: VideoConfig) -> None:
@@ -87,26 +95,15 @@ class VideoSource:
         self._start_ticks: int | None = None
         first = next(self._decode(), None)
         if first is None:
-            raise SourceError(f"{config.path}: camera {config.camera}: no frame can be decoded; is the file complete?")
+            raise SourceError(f"{config.where}: no frame can be decoded; is the file complete?")
         # one that cannot be converted shows now
         self.size_wh = first.frame().size_wh
         with opened_video(config) as container:
-            self._stated_frames = int(container.streams.video[0].frames)
-
-    @property
-    def stated_frames(self) -> int:
-        """Frames by the file's header, more than `times_ns` where its end is missing; 0 where it states none."""
-        return self._stated_frames
+            self.stated_frames = int(container.streams.video[0].frames)
 
     def times_ns(self) -> Array:
         """(F,) int64 session times of all frames the file lists, without decoding them."""
-        ticks, base = self._listed.ticks, self._listed.base_s
-        if ticks and self._listed.starts_anywhere:
-            ticks = [tick - ticks[0] for tick in ticks]
-        try:
-            return np.array([self._session_ns(tick * base) for tick in ticks], dtype=np.int64)
-        except OverflowError:
-            raise SourceError(f"{self._where}: times up to {float(ticks[-1] * base):.3g} s; the file is damaged") from None
+        return self._listed.times_ns(self._config)
 
     def frames(self) -> Iterator[Frame]:
         """Frames in time order from the start; a frame that cannot be decoded is left out and counted in `broken_frames`."""
@@ -123,7 +120,7 @@ class VideoSource:
         last_ns: int | None = None
         for frame in self._decode(entry):
             if (size_wh := frame.pixels.size_wh) != self.size_wh:
-                raise SourceError(f"{self._where}: frame {frame.seq} is {size_wh}, the first was {self.size_wh} px")
+                raise SourceError(f"{self._config.where}: frame {frame.seq} is {size_wh}, the first was {self.size_wh} px")
             if last_ns is not None and frame.t_ns <= last_ns:
                 self.broken_frames += 1
                 continue
@@ -133,24 +130,17 @@ class VideoSource:
     def close(self) -> None:
         """Nothing stays open between calls of `frames`."""
 
-    @property
-    def _where(self) -> str:
-        return f"{self._config.path}: camera {self._config.camera}"
-
-    def _session_ns(self, file_time_s: Fraction) -> int:
-        return session_ns(self._config, file_time_s)
-
     @cached_property
-    def _listed(self) -> _Listed:
+    def _listed(self) -> ListedFrames:
         with opened_video(self._config) as container:
-            return _listed(container)
+            return listed_frames(container)
 
     def _entry(self, begin_ns: int) -> int | None:
         """Where to seek, in ticks, so that all frames from a time on are decoded as from the start; None: only from the start."""
         listed = self._listed
         start = (self._start_ticks or 0) if listed.starts_anywhere else 0
-        before = [key for key in listed.keys if self._session_ns((key - start) * listed.base_s) <= begin_ns]
-        if not before:
+        before = [key for key in listed.keys if session_ns(self._config, (key - start) * listed.base_s) <= begin_ns]
+        if not before or not listed.timed:
             return None
         key = before[-1]
         with opened_video(self._config) as container:
@@ -178,7 +168,7 @@ class VideoSource:
                 if self._start_ticks is None:
                     self._start_ticks = decoded.pts
                 seq = bisect_left(self._listed.ticks, decoded.pts) if seq < 0 and entry is not None else seq + 1
-                start_ticks = self._start_ticks if container.format.name in ARBITRARY_START else 0
+                start_ticks = self._start_ticks if container.format.name in _ARBITRARY_START else 0
                 t_ns = ticks_ns(self._config, decoded.pts - start_ticks, decoded.time_base or stream_base)
                 pixels = DecodedPixels(decoded, converter)
                 yield Arrived(camera=self.camera, seq=seq, t_ns=t_ns, received_ns=t_ns, pixels=pixels, encoded=encoded)
@@ -202,7 +192,7 @@ class VideoSource:
                 self.broken_frames += 1
                 in_a_row += 1
                 if in_a_row > _MOST_BROKEN_IN_A_ROW:
-                    raise SourceError(f"{self._where}: {in_a_row} broken packets in a row ({error.strerror})") from None
+                    raise SourceError(f"{self._config.where}: {in_a_row} broken packets in a row ({error.strerror})") from None
                 continue
             if decoded:
                 in_a_row = 0
@@ -235,7 +225,7 @@ def _opened(path: Path) -> av.container.InputContainer:
 
 def opened_video(config: VideoConfig) -> av.container.InputContainer:
     """The file, with a video stream that can be decoded; raises SourceError that names the defect."""
-    where = f"{config.path}: camera {config.camera}"
+    where = config.where
     if not Path(config.path).is_file():
         raise SourceError(f"{where}: no such video file")
     try:
@@ -260,20 +250,30 @@ def length_s(path: Path) -> float:
         return container.duration / av.time_base if container.duration else 0.0
 
 
-class _Listed(NamedTuple):
+class ListedFrames(NamedTuple):
     """What a file lists, in ticks of `base_s`, sorted: times of frames, and when key frames are decoded by their times.
 
-    There is no key frame where a packet has no time.
+    `timed`: whether each packet has a time. `starts_anywhere`: whether only times since the first frame mean anything.
     """
 
     ticks: list[int]
     keys: dict[int, int]
+    timed: bool
     base_s: Fraction
     starts_anywhere: bool
 
+    def times_ns(self, config: VideoConfig) -> Array:
+        """(F,) int64 session times of the frames; raises SourceError for times that no recording has."""
+        start = self.ticks[0] if self.ticks and self.starts_anywhere else 0
+        times_s = [(tick - start) * self.base_s for tick in self.ticks]
+        try:
+            return np.array([session_ns(config, time_s) for time_s in times_s], dtype=np.int64)
+        except OverflowError:
+            raise SourceError(f"{config.where}: times up to {float(times_s[-1]):.3g} s; the file is damaged") from None
 
-def _listed(container: av.container.InputContainer) -> _Listed:
-    """Of all packets up to the first that cannot be read."""
+
+def listed_frames(container: av.container.InputContainer) -> ListedFrames:
+    """What the packets of a file list, up to the first that cannot be read."""
     stream = container.streams.video[0]
     ticks: set[int] = set()
     keys: dict[int, int] = {}
@@ -284,5 +284,5 @@ def _listed(container: av.container.InputContainer) -> _Listed:
                 ticks.add(packet.pts)
                 keys.update({packet.pts: packet.dts} if packet.is_keyframe and packet.dts is not None else {})
             timed = timed and (packet.pts is not None or not packet.size)
-    anywhere = container.format.name in ARBITRARY_START
-    return _Listed(sorted(ticks), dict(sorted(keys.items())) if timed else {}, Fraction(stream.time_base or 1), anywhere)
+    base_s, anywhere = Fraction(stream.time_base or 1), container.format.name in _ARBITRARY_START
+    return ListedFrames(sorted(ticks), dict(sorted(keys.items())), timed, base_s, anywhere)

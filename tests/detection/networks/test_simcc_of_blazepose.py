@@ -13,7 +13,7 @@ from posefuse.detection import BlazePoseConfig
 from posefuse.detection.card import LandmarkCard, NetworkInput, OnnxCard, PersonCard, read_card
 from posefuse.detection.engines import BlazePoseNetwork
 from posefuse.detection.networks import TopDownDetector
-from posefuse.detection.search import PersonNetwork, SquareFinder
+from posefuse.detection.search import SquareFinder
 from posefuse.evaluation.metrics import joint_errors, true_xyz_at
 from posefuse.formats.truth import read_truth
 from posefuse.pipeline.config import TrackConfig
@@ -59,8 +59,8 @@ def tracked(session: Path, config: TrackConfig) -> Recording:
 def simcc_detector(**changes: object) -> TopDownDetector:
     network = BlazePoseAsSimcc()
     network.card = replace(network.card, **changes)
-    persons = PersonNetwork.compiled(read_card("blazepose_persons", PersonCard), BlazePoseConfig().fetch()[0], "f32", 1)
-    return TopDownDetector(network, SquareFinder(persons), {})
+    finder = SquareFinder(read_card("blazepose_persons", PersonCard), BlazePoseConfig().fetch()[0], "f32", 1)
+    return TopDownDetector(network, finder, {})
 
 
 def test_it_follows_the_person_as_well_as_the_network_does(

@@ -76,13 +76,6 @@ def test_a_keypoint_of_score_0_is_missing_and_noise_grows_as_the_score_falls(tmp
     assert seen.sigma_px[0, 6] == pytest.approx(3 * seen.sigma_px[0, 5], rel=1e-4)
 
 
-def test_a_frame_without_a_file_shows_no_person(tmp_path):
-    write(tmp_path, 3, [person("body_25")])
-    folder = read_openpose_folder(tmp_path, "cam1")
-    assert folder.numbers == (3,)
-    assert len(folder.frame(4, 99)) == 0 and folder.frame(4, 99).t_ns == 99
-
-
 def test_broken_files_are_named(tmp_path):
     good = tmp_path / "good"
     write(good, 0, [person("body_25")])

@@ -27,9 +27,9 @@ from posefuse.core.arrays import Array
 from posefuse.core.ideal_image import optics_of
 from posefuse.core.se3 import wxyz_from_matrix
 from posefuse.formats.frame_times import write_frame_times
-from posefuse.formats.npz import read_arrays
+from posefuse.formats.npz import read_arrays, write_arrays
 from posefuse.formats.rig import write_rig
-from posefuse.formats.truth import write_arrays, write_truth
+from posefuse.formats.truth import write_truth
 from posefuse.formats.video import join_videos
 from posefuse.foundation.output_folder import check_replaceable, find_unfinished, output_folder
 from posefuse.foundation.platform import usable_cores

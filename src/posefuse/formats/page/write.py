@@ -44,14 +44,13 @@ def page_html(page: Page) -> str:
         lstrip_blocks=True,
         undefined=jinja2.StrictUndefined,
     )
-    content, places = page_content(page), _places(page.blocks)
+    content = page_content(page)
     return environment.get_template("page.html.j2").render(
         page=page,
         sections=_sections(page.blocks),
         data=_text_of(gzip.compress(json.dumps(content, separators=(",", ":"), allow_nan=False).encode(), 9, mtime=0)),
         plotly=_text_of(PLOTLY.read_bytes()) if content["plots"] else "",
         has_player=bool(content["players"]),
-        place_of=lambda block: places[id(block)],
         left=palette.LEFT,
         right=palette.RIGHT,
         middle=palette.MIDDLE,
@@ -59,7 +58,7 @@ def page_html(page: Page) -> str:
 
 
 def page_content(page: Page) -> dict[str, Any]:
-    """What the page's script draws: arrays, plots and players, each list in reading order."""
+    """What the page's script draws: arrays, plots and players, each list in the order in which the page shows them."""
     arrays, blocks = Arrays(), list(_all(page.blocks))
     plots = [plot_content(plot, arrays) for block in blocks if isinstance(block, Plots) for plot in block.plots]
     players = [player_content(block) for block in blocks if isinstance(block, Player)]
@@ -71,19 +70,6 @@ def _all(blocks: Sequence[Block]) -> Iterator[Block]:
         yield block
         if isinstance(block, Details):
             yield from _all(block.blocks)
-
-
-def _places(blocks: Sequence[Block]) -> dict[int, int]:
-    """The number of a block's first plot, or of its player, by the block's identity."""
-    places, plots, players = {}, 0, 0
-    for block in _all(blocks):
-        if isinstance(block, Plots):
-            places[id(block)] = plots
-            plots += len(block.plots)
-        elif isinstance(block, Player):
-            places[id(block)] = players
-            players += 1
-    return places
 
 
 def _sections(blocks: Sequence[Block]) -> list[list[Block]]:

@@ -9,8 +9,8 @@ from posefuse.core import InputError, Skeleton
 from posefuse.core.arrays import Array
 
 from .coco import is_results_list, read_list
-from .frames import People2D, Pose2DFrames, frame_number, frames_from_mapping, read_json
-from .keypoint_sets import agreed_skeleton, in_coco17_order, points_of
+from .frames import UNTRACKED, Pose2DFrames, frame_number, frames_of_images, read_json
+from .keypoint_sets import in_coco17_order, points_of
 from .openpose import keypoints_of_people
 
 NAME = "alphapose"
@@ -41,17 +41,12 @@ def read(path: Path, camera: str, skeleton: Skeleton | None = None) -> Pose2DFra
         return read_list(file, camera, NAME, skeleton)
     if not _by_image(content):
         raise InputError(f"{file}: not AlphaPose JSON: expected a list of people, or people or bodies for each image")
-    people: dict[int, list[Array]] = {}
-    for image, entry in content.items():
-        where = f"{file}: {image}"
-        found = [in_coco17_order(person) for person in _people(entry, where)]
-        people[frame_number(image, where)] = found
-        for person in found:
-            skeleton = agreed_skeleton(skeleton, len(person), where)
-    if skeleton is None:
-        raise InputError(f"{file}: camera {camera}: no person in any of {len(content)} images")
-    count = len(skeleton)
-    return frames_from_mapping(camera, NAME, skeleton, {n: People2D.of(found, None, count) for n, found in people.items()})
+    named = ((image, f"{file}: {image}", entry) for image, entry in content.items())
+    images = (
+        (frame_number(image, where), where, [(in_coco17_order(person), UNTRACKED) for person in _people(entry, where)])
+        for image, where, entry in named
+    )
+    return frames_of_images(file, camera, NAME, skeleton, images, searched=f"{len(content)} images")
 
 
 def _file(path: Path) -> Path | None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections import defaultdict
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -11,8 +11,8 @@ import numpy as np
 from posefuse.core import InputError, Skeleton
 from posefuse.core.arrays import Array
 
-from .frames import UNTRACKED, People2D, Pose2DFrames, frame_number, frames_from_mapping, read_json
-from .keypoint_sets import agreed_skeleton, in_coco17_order, points_of
+from .frames import UNTRACKED, ImagePeople, Pose2DFrames, frame_number, frames_of_images, read_json
+from .keypoint_sets import in_coco17_order, points_of
 
 # One list of people for all images: COCO results JSON, and AlphaPose's default form, which is like it.
 
@@ -33,8 +33,7 @@ def read_list(path: Path, camera: str, format: str, skeleton: Skeleton | None) -
         InputError: an entry that is not of this form, or people of different keypoint sets.
     """
     content = read_json(path)
-    points: dict[int, list[Array]] = defaultdict(list)
-    ids: dict[int, list[int]] = defaultdict(list)
+    people: list[ImagePeople] = []
     for i, entry in enumerate(content):
         where = f"{path}: entry {i}"
         try:
@@ -44,24 +43,18 @@ def read_list(path: Path, camera: str, format: str, skeleton: Skeleton | None) -
         if not len(flat):
             continue
         number = image if isinstance(image, int) else frame_number(str(image).rpartition("/")[2], where)
-        person = in_coco17_order(points_of(flat, where))
-        skeleton = agreed_skeleton(skeleton, len(person), where)
-        points[number].append(person)
-        ids[number].append(_track_id(entry.get("idx", entry.get("track_id"))))
-    if skeleton is None:
-        raise InputError(f"{path}: camera {camera}: no person in any of {len(content)} entries")
-    _visibility_to_score(points)
-    people = {number: People2D.of(points[number], ids[number], len(skeleton)) for number in points}
-    return frames_from_mapping(camera, format, skeleton, people)
+        person = in_coco17_order(points_of(flat, where)), _track_id(entry.get("idx", entry.get("track_id")))
+        people.append((number, where, [person]))
+    _visibility_to_score([points for *_, [(points, _)] in people])
+    return frames_of_images(path, camera, format, skeleton, people, searched=f"{len(content)} entries")
 
 
-def _visibility_to_score(points: dict[int, list[Array]]) -> None:
+def _visibility_to_score(people: Sequence[Array]) -> None:
     """Annotations have 0, 1 or 2 instead of a score; recognised by the absence of other values and at least one 2."""
-    scores = np.concatenate([person[:, 2] for people in points.values() for person in people])
+    scores = np.concatenate([[], *(person[:, 2] for person in people)])
     if np.isin(scores, list(_ANNOTATED_SCORE)).all() and (scores == 2).any():
-        for people in points.values():
-            for person in people:
-                person[:, 2] = np.select([person[:, 2] == v for v in _ANNOTATED_SCORE], list(_ANNOTATED_SCORE.values()))
+        for person in people:
+            person[:, 2] = np.select([person[:, 2] == v for v in _ANNOTATED_SCORE], list(_ANNOTATED_SCORE.values()))
 
 
 def _track_id(value: Any) -> int:

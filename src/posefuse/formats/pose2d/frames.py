@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections import defaultdict
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
 from pathlib import Path
@@ -13,8 +14,10 @@ import numpy as np
 
 from posefuse.core import Detections2D, InputError, Skeleton
 from posefuse.core.arrays import Array
-from posefuse.core.values import NO_TRACK
+from posefuse.core.values import NO_TRACK, keypoint_boxes
 from posefuse.foundation.parsing import parse_json, read_text
+
+from .keypoint_sets import agreed_skeleton
 
 # a keypoint's noise grows with the person's size in the image: this part of the box diagonal at score 1, as 1 / score below
 _SIGMA_OF_DIAGONAL = 0.006
@@ -24,6 +27,8 @@ _FARTHEST_PX = 1e6
 # in one image; more are damage, too
 _MOST_PEOPLE = 1000
 UNTRACKED = NO_TRACK
+# of an image: its number, a name for messages, and its people as points (K, 3) and track id
+ImagePeople = tuple[int, str, Sequence[tuple[Array, int]]]
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,10 +44,10 @@ class People2D:
     track_id: Array
 
     @staticmethod
-    def of(points: Sequence[Array], track_id: Sequence[int] | None, count: int) -> People2D:
-        """People of (K, 3) points each; `count` is K, for when there are none."""
-        ids = [UNTRACKED] * len(points) if track_id is None else list(track_id)
-        return People2D(np.array(points, np.float64).reshape(len(points), count, 3), np.array(ids, np.int64))
+    def of(people: Sequence[tuple[Array, int]], count: int) -> People2D:
+        """People by their points (K, 3) and track id; `count` is K, for when there are none."""
+        points, ids = [points for points, _ in people], [track_id for _, track_id in people]
+        return People2D(np.array(points, np.float64).reshape(len(people), count, 3), np.array(ids, np.int64))
 
 
 @dataclass(frozen=True, eq=False)
@@ -83,8 +88,8 @@ class Pose2DFrames:
         if len(points) > _MOST_PEOPLE:
             raise InputError(f"{where}: expected at most {_MOST_PEOPLE} people, got {len(points)}")
         check_distance(points, where)
-        shown = _shown(points)
-        return _detections(self.camera, t_ns, self.skeleton, People2D(points[shown], people.track_id[shown]))
+        everybody = _detections(self.camera, t_ns, self.skeleton, people)
+        return everybody.people(np.flatnonzero((everybody.score > 0).any(-1)))
 
     def frames(self, rate_hz: float) -> Iterator[Detections2D]:
         """All frames in order, each stamped with its number at this rate."""
@@ -96,6 +101,25 @@ def frames_from_mapping(camera: str, format: str, skeleton: Skeleton, people: Ma
     """Frames that are in memory already, by number."""
     numbers = tuple(sorted(people))
     return Pose2DFrames(camera, format, skeleton, numbers, lambda place: people[numbers[place]])
+
+
+def frames_of_images(
+    path: Path, camera: str, format: str, skeleton: Skeleton | None, images: Iterable[ImagePeople], *, searched: str
+) -> Pose2DFrames:
+    """Frames of the people of each image.
+
+    Raises:
+        InputError: people of different keypoint sets, or no person at all in what was `searched`.
+    """
+    people: dict[int, list[tuple[Array, int]]] = defaultdict(list)
+    for number, image, found in images:
+        people[number] += found
+        for points, _ in found:
+            skeleton = agreed_skeleton(skeleton, len(points), image)
+    if skeleton is None:
+        raise InputError(f"{path}: camera {camera}: no person in any of {searched}")
+    made = {number: People2D.of(found, len(skeleton)) for number, found in people.items()}
+    return frames_from_mapping(camera, format, skeleton, made)
 
 
 def read_json(path: Path) -> Any:
@@ -128,21 +152,11 @@ def frame_number(name: str, where: str) -> int:
     return int(numbers[-1])
 
 
-def _shown(points: Array) -> Array:
-    """(P,) bool: who has any keypoint."""
-    score = np.nan_to_num(points[..., 2])
-    return np.asarray(((score > 0) & np.isfinite(points[..., :2]).all(-1)).any(-1))
-
-
 def _detections(camera: str, t_ns: int, skeleton: Skeleton, people: People2D) -> Detections2D:
-    points = people.points
-    if not len(points):
-        return Detections2D.empty(camera, t_ns, skeleton)
-    score = np.clip(np.nan_to_num(points[..., 2]), 0, 1)
-    xy = np.where(score[..., None] > 0, points[..., :2], np.nan)
-    score = np.where(np.isfinite(xy).all(-1), score, 0.0)
+    xy = people.points[..., :2]
+    score = np.where(np.isfinite(xy).all(-1), np.clip(np.nan_to_num(people.points[..., 2]), 0, 1), 0.0)
     xy = np.where(score[..., None] > 0, xy, np.nan)
-    box = np.concatenate([np.nanmin(xy, axis=1), np.nanmax(xy, axis=1)], axis=-1)
+    box = keypoint_boxes(xy, score)
     return Detections2D(
         camera=camera,
         t_ns=t_ns,

@@ -10,8 +10,8 @@ import numpy as np
 from posefuse.core import InputError, Skeleton
 from posefuse.core.arrays import Array
 
-from .frames import UNTRACKED, People2D, Pose2DFrames, frame_number, frames_from_mapping, read_json
-from .keypoint_sets import agreed_skeleton, skeleton_of_names
+from .frames import UNTRACKED, Pose2DFrames, frame_number, frames_of_images, read_json
+from .keypoint_sets import skeleton_of_names
 
 NAME = "mmpose"
 LOOKS_FOR = "JSON with frame_id and instances, or a folder of JSON lists with keypoint_scores"
@@ -36,21 +36,9 @@ def read(path: Path, camera: str, skeleton: Skeleton | None = None) -> Pose2DFra
         content = read_json(path)
         skeleton = skeleton or _stated_skeleton(content, str(path))
         frames = _frames(content) or {}
-    return _frames_of(frames, path, camera, skeleton)
-
-
-def _frames_of(frames: dict[int, Any], path: Path, camera: str, skeleton: Skeleton | None) -> Pose2DFrames:
-    people: dict[int, tuple[list[Array], list[int]]] = {}
-    for number, instances in frames.items():
-        where = f"{path}: frame {number}"
-        found = [_points(instance, where) for instance in instances]
-        people[number] = found, [int(instance.get("track_id", UNTRACKED)) for instance in instances]
-        for person in found:
-            skeleton = agreed_skeleton(skeleton, len(person), where)
-    if skeleton is None:
-        raise InputError(f"{path}: camera {camera}: no person in any of {len(frames)} frames")
-    made = {number: People2D.of(found, ids, len(skeleton)) for number, (found, ids) in people.items()}
-    return frames_from_mapping(camera, NAME, skeleton, made)
+    named = ((number, f"{path}: frame {number}", instances) for number, instances in frames.items())
+    images = ((number, where, [_person(instance, where) for instance in instances]) for number, where, instances in named)
+    return frames_of_images(path, camera, NAME, skeleton, images, searched=f"{len(frames)} frames")
 
 
 def _frames(content: Any) -> dict[int, Any] | None:
@@ -76,9 +64,10 @@ def _stated_skeleton(content: Any, where: str) -> Skeleton | None:
     return skeleton_of_names([names[key] for key in sorted(names, key=int)], NAME, where)
 
 
-def _points(instance: Any, where: str) -> Array:
+def _person(instance: Any, where: str) -> tuple[Array, int]:
     try:
         xy, score = np.array(instance["keypoints"], np.float64), np.array(instance["keypoint_scores"], np.float64)
-        return np.concatenate([xy[:, :2], score[:, None]], axis=-1)
+        points = np.concatenate([xy[:, :2], score[:, None]], axis=-1)
     except (KeyError, TypeError, ValueError, IndexError) as error:
         raise InputError(f"{where}: not MMPose JSON: expected keypoints (K, 2) and keypoint_scores (K) ({error!r})") from None
+    return points, int(instance.get("track_id", UNTRACKED))

@@ -13,7 +13,7 @@ from posefuse.core import SKELETONS, InputError, Skeleton
 from posefuse.core.arrays import Array
 from posefuse.foundation.parsing import short
 
-from .frames import People2D, Pose2DFrames, check_distance, frame_number, read_json
+from .frames import UNTRACKED, People2D, Pose2DFrames, check_distance, frame_number, read_json
 from .keypoint_sets import BODY_POINTS, in_coco17_order, skeleton_of_count
 
 NAME = "openpose"
@@ -30,11 +30,6 @@ def fits(path: Path) -> bool:
         return False
     content = read_json(first)
     return isinstance(content, dict) and isinstance(content.get("people"), list)
-
-
-def read(path: Path, camera: str, skeleton: Skeleton | None = None) -> Pose2DFrames:
-    """A folder of OpenPose JSON files, see `read_openpose_folder`."""
-    return read_openpose_folder(path, camera, skeleton)
 
 
 def read_openpose_folder(folder: Path, camera: str, skeleton: Skeleton | None = None) -> Pose2DFrames:
@@ -63,6 +58,9 @@ def read_openpose_folder(folder: Path, camera: str, skeleton: Skeleton | None = 
     numbers, ordered = zip(*numbered, strict=True)
     chosen = skeleton or _skeleton_of(folder, camera, ordered)
     return Pose2DFrames(camera, NAME, chosen, numbers, lambda place: _people(ordered[place], chosen))
+
+
+read = read_openpose_folder
 
 
 def body_order(folders: Iterable[Path]) -> Skeleton | None:
@@ -120,4 +118,4 @@ def _people(path: Path, skeleton: Skeleton) -> People2D:
     for person in people:
         if len(person) != len(skeleton):
             raise InputError(f"{path}: expected {len(skeleton)} keypoints ({skeleton.name}), got a person with {len(person)}")
-    return People2D.of(people, None, len(skeleton))
+    return People2D.of([(person, UNTRACKED) for person in people], len(skeleton))

@@ -8,7 +8,6 @@ they do not know: ``readout_s`` and ``cropped`` (images are a part of the sensor
 from __future__ import annotations
 
 import json
-import re
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -17,40 +16,6 @@ from posefuse.core import Camera, Rig
 
 from . import parts
 from .plausible import centre_problem
-
-# Tables of plain values as TOML text; the standard library reads TOML but does not write it.
-
-_BARE_KEY = re.compile(r"[A-Za-z0-9_-]+\Z")
-
-
-def toml_text(tables: Mapping[tuple[str, ...], Mapping[str, Any]]) -> str:
-    """One ``[table.of.parts]`` per entry, keys in order; values are strings, booleans, numbers or nested lists of them."""
-    blocks = []
-    for name, content in tables.items():
-        lines = [f"[{'.'.join(_key(part) for part in name)}]"]
-        lines += [f"{_key(key)} = {_value(value)}" for key, value in content.items()]
-        blocks.append("\n".join(lines))
-    return "\n\n".join(blocks) + "\n"
-
-
-def _key(name: str) -> str:
-    return name if _BARE_KEY.match(name) else _string(name)
-
-
-def _value(value: Any) -> str:
-    if isinstance(value, bool):
-        return "true" if value else "false"
-    if isinstance(value, str):
-        return _string(value)
-    if isinstance(value, list | tuple):
-        return f"[{', '.join(_value(part) for part in value)}]"
-    return repr(value)
-
-
-def _string(text: str) -> str:
-    # a JSON string is a TOML basic string, but for the one control character JSON leaves bare
-    return json.dumps(text, ensure_ascii=False).replace("\x7f", "\\u007f")
-
 
 HOLDS = "Anipose / Pose2Sim *.toml"
 
@@ -101,9 +66,16 @@ def _table_from_camera(camera: Camera) -> dict[str, Any]:
 
 def text_from(rig: Rig) -> str:
     """The file of a rig."""
-    tables: dict[tuple[str, ...], Any] = {
-        (key,): _table_from_camera(camera) for key, camera in zip(parts.plain_keys(rig), rig, strict=True)
-    }
+    tables = {key: _table_from_camera(camera) for key, camera in zip(parts.plain_keys(rig), rig, strict=True)}
     about = parts.about_rig(rig)
-    tables[("metadata",)] = {"adjusted": False, "error": about.get("residual_px", 0.0), **about}
-    return toml_text(tables)
+    tables["metadata"] = {"adjusted": False, "error": about.get("residual_px", 0.0), **about}
+    return "\n".join(_table_text(name, content) for name, content in tables.items())
+
+
+def _table_text(name: str, content: Mapping[str, Any]) -> str:
+    """A table of strings, booleans, finite numbers and nested lists, whose text in TOML is that in JSON.
+
+    But for one control character, which JSON leaves bare.
+    """
+    values = {key: json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f") for key, value in content.items()}
+    return "".join([f"[{name}]\n", *(f"{key} = {text}\n" for key, text in values.items())])

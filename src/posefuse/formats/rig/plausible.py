@@ -44,27 +44,27 @@ LIMITS = PlausibleLimits()
 _DEPTHS, _GRID = (0.25, 0.5, 1.0, 2.0), np.linspace(0.1, 0.9, 5)
 
 
-def require_plausible(where: str, camera: Camera, cropped: bool, limits: PlausibleLimits = LIMITS) -> Camera:
+def require_plausible(where: str, camera: Camera, cropped: bool) -> Camera:
     """The camera; raises CalibrationError for intrinsics that cannot be meant.
 
     Args:
         cropped: the file states that the images are a part of the sensor, which may lie anywhere about the principal point.
     """
-    problem = "" if cropped else _size_problem(camera, limits)
-    problem = problem or _matrix_problem(camera, limits)
-    problem = problem or ("" if cropped else centre_problem(camera)) or _lens_problem(camera, limits)
+    problem = "" if cropped else _size_problem(camera)
+    problem = problem or _matrix_problem(camera)
+    problem = problem or ("" if cropped else centre_problem(camera)) or _lens_problem(camera)
     if problem:
         raise CalibrationError(f"{where}: {problem}")
     return camera
 
 
-def _matrix_problem(camera: Camera, limits: PlausibleLimits) -> str:
+def _matrix_problem(camera: Camera) -> str:
     fx, fy, (width, height) = camera.K[0, 0], camera.K[1, 1], camera.size_wh
-    if max(fx / fy, fy / fx) > limits.aspect:
+    if max(fx / fy, fy / fx) > LIMITS.aspect:
         return (
-            f"matrix: fx {fx:.1f} and fy {fy:.1f} px differ by more than pixels do; expected a ratio of at most {limits.aspect:g}"
+            f"matrix: fx {fx:.1f} and fy {fy:.1f} px differ by more than pixels do; expected a ratio of at most {LIMITS.aspect:g}"
         )
-    least, most = limits.focal_widths
+    least, most = LIMITS.focal_widths
     if not least <= fx / max(width, height) <= most:
         return (
             f"matrix: expected a focal length of {least * max(width, height):.0f} to {most * max(width, height):.0f} px"
@@ -84,10 +84,10 @@ def centre_problem(camera: Camera) -> str:
     return ""
 
 
-def _size_problem(camera: Camera, limits: PlausibleLimits) -> str:
+def _size_problem(camera: Camera) -> str:
     size, centre = np.array(camera.size_wh, np.float64), camera.K[:2, 2]
     off, swapped = np.abs(centre / size - 0.5), np.abs(centre / size[::-1] - 0.5)
-    if (off > limits.centre_off).all() and (swapped < limits.centre_off / 2).all():
+    if (off > LIMITS.centre_off).all() and (swapped < LIMITS.centre_off / 2).all():
         width, height = camera.size_wh
         return (
             f"size: {width}x{height} px with a principal point of ({centre[0]:.0f}, {centre[1]:.0f}) px:"
@@ -96,10 +96,10 @@ def _size_problem(camera: Camera, limits: PlausibleLimits) -> str:
     return ""
 
 
-def _lens_problem(camera: Camera, limits: PlausibleLimits) -> str:
+def _lens_problem(camera: Camera) -> str:
     angle = np.linspace(0, 2 * np.pi, 24, endpoint=False)
     half = np.array(camera.size_wh) / 2
-    rim = half - 0.5 + limits.rim * half * np.stack([np.cos(angle), np.sin(angle)], axis=1)
+    rim = half - 0.5 + LIMITS.rim * half * np.stack([np.cos(angle), np.sin(angle)], axis=1)
     if np.isfinite(camera.norm_from_px(rim)).all():
         return ""
     return (
@@ -108,26 +108,26 @@ def _lens_problem(camera: Camera, limits: PlausibleLimits) -> str:
     )
 
 
-def require_placed(where: str, rig: Rig, limits: PlausibleLimits = LIMITS) -> Rig:
+def require_placed(where: str, rig: Rig) -> Rig:
     """The rig; raises CalibrationError for impossible camera positions."""
     if len(rig) < 2:
         return rig
     centres = rig.centres_world()
     away = np.linalg.norm(centres[:, None] - centres[None], axis=-1)
-    if away.max() < limits.apart_m:
+    if away.max() < LIMITS.apart_m:
         raise CalibrationError(
             f"{where}: all {len(rig)} cameras are at one place: these are intrinsics only;"
             " `posefuse calibrate extrinsics` finds where the cameras stand"
         )
     shared, others = _common_view(rig), _common_views_reread(rig)
-    if shared < limits.common_view and others[_INVERSE] > limits.inverse_ratio * max(shared, 1e-3):
+    if shared < LIMITS.common_view and others[_INVERSE] > LIMITS.inverse_ratio * max(shared, 1e-3):
         words = max(others, key=lambda reading: others[reading])
         raise CalibrationError(
             f"{where}: the cameras see {shared:.0%} of their views in common, and {others[words]:.0%} if the file holds {words};"
             f" {_EXPECTED}"
         )
     a, b = np.unravel_index(np.argmin(away + np.eye(len(rig)) * 1e9), away.shape)
-    if away[a, b] < limits.apart_m:
+    if away[a, b] < LIMITS.apart_m:
         raise CalibrationError(f"{where}: {rig.names[a]} and {rig.names[b]} are at the same place; expected one pose per camera")
     return rig
 
@@ -150,24 +150,24 @@ def _common_views_reread(rig: Rig) -> dict[str, float]:
     }
 
 
-def doubts(where: str, rig: Rig, limits: PlausibleLimits = LIMITS) -> tuple[str, ...]:
+def doubts(where: str, rig: Rig) -> tuple[str, ...]:
     """What is odd about the poses of a placed rig, and may yet be meant: all poses, single cameras, the axes of the world."""
     if len(rig) < 2:
         return ()
     shared, others = _common_view(rig), _common_views_reread(rig)
     words = max(others, key=lambda reading: others[reading])
-    lines = _lonely_cameras(where, rig, limits)
-    if max(shared, limits.common_view / 2) * limits.inverse_ratio < others[words]:
+    lines = _lonely_cameras(where, rig)
+    if max(shared, LIMITS.common_view / 2) * LIMITS.inverse_ratio < others[words]:
         lines = [f"{where}: the cameras hardly see anything in common, and would if the file held {words}; {_EXPECTED}"]
     up = -np.mean([camera.cam_from_world.matrix()[1] for camera in rig], axis=0)
     axis = int(np.argmax(np.abs(up)))
-    if (axis, np.sign(up[axis])) != (2, 1) and abs(up[axis]) > limits.upright:
+    if (axis, np.sign(up[axis])) != (2, 1) and abs(up[axis]) > LIMITS.upright:
         found = f"{'-' if up[axis] < 0 else ''}{'XYZ'[axis]}"
         lines.append(f"{where}: up in the images is {found} of the world; expected Z: the results will not stand upright")
     return tuple(lines)
 
 
-def _lonely_cameras(where: str, rig: Rig, limits: PlausibleLimits) -> list[str]:
+def _lonely_cameras(where: str, rig: Rig) -> list[str]:
     """Cameras that see nothing of what most of the others see together, and would if their poses were read in another way."""
     points = np.concatenate([_view(camera, _usual_m(rig)) for camera in rig])
     seen = np.stack([_seen(camera, points) for camera in rig])
@@ -179,7 +179,7 @@ def _lonely_cameras(where: str, rig: Rig, limits: PlausibleLimits) -> list[str]:
             continue
         for words, read in _READINGS.items():
             other = _seen(replace(camera, cam_from_world=read(camera.cam_from_world)), points[together]).mean()
-            if other >= limits.seen_by_all:
+            if other >= LIMITS.seen_by_all:
                 lines.append(
                     f"{where}: {camera.name} sees nothing of what {by_others.max()} others see together, and would if the file"
                     f" held {words}; {_EXPECTED}"

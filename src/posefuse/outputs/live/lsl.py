@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import importlib
+import math
 import os
 import time
 from collections.abc import Sequence
@@ -10,8 +10,9 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from posefuse.core import DependencyError, JointAngles, LiveMessage, LiveOutput, LivePose, LiveStart, Pose3D
+from posefuse.core import JointAngles, LiveMessage, LiveOutput, LivePose, LiveStart, Pose3D
 from posefuse.core.arrays import Array
+from posefuse.core.extras import package_of_extra
 from posefuse.core.joint_angles import angle_labels
 from posefuse.core.poses import point_sigma_m
 from posefuse.foundation.settings import settings
@@ -119,20 +120,20 @@ def angle_channels(joints: JointAngles) -> tuple[list[str], list[str]]:
 
 def keypoint_sample(pose: Pose3D, person: int | None) -> Array:
     """(4 K + 1,): x, y, z, sigma over the three axes of each keypoint in m, and the person's id."""
-    sample = np.full(4 * len(pose.skeleton) + 1, np.nan)
-    for n in np.flatnonzero(pose.person_id == person) if person is not None else ():
-        sigma = point_sigma_m(pose.cov_world[n])
-        sample[:-1] = np.concatenate([pose.xyz_world[n], sigma[:, None]], axis=1).ravel()
-        sample[-1] = person
-    return sample
+    values = np.concatenate([pose.xyz_world, point_sigma_m(pose.cov_world)[..., None]], axis=-1)
+    return _sample(values, pose.person_id, person)
 
 
 def angle_sample(joints: JointAngles, person: int | None) -> Array:
     """(6 J + 1,): every angle and its standard deviation in rad, and the person's id."""
-    sample = np.full(6 * len(joints.joints) + 1, np.nan)
-    for n in np.flatnonzero(joints.person_id == person) if person is not None else ():
-        sample[:-1] = np.stack([joints.angle_rad[-1, n], joints.sigma_rad[-1, n]], axis=-1).ravel()
-        sample[-1] = person
+    return _sample(np.stack([joints.angle_rad[-1], joints.sigma_rad[-1]], axis=-1), joints.person_id, person)
+
+
+def _sample(values: Array, ids: Array, person: int | None) -> Array:
+    """The values (N, ...) of one of the people (N,), and the person's id; NaN where the person is not there."""
+    sample = np.full(math.prod(values.shape[1:]) + 1, np.nan)
+    for n in np.flatnonzero(ids == person):
+        sample[:-1], sample[-1] = values[n].ravel(), person
     return sample
 
 
@@ -147,8 +148,4 @@ def lsl_clock_offset_ns() -> int:
 
 
 def _pylsl() -> Any:
-    try:
-        return importlib.import_module("pylsl")
-    except (ImportError, RuntimeError, OSError) as error:
-        why = str(error).splitlines()[0] if str(error) else type(error).__name__
-        raise DependencyError(f"pylsl: not usable ({why}); install it with: pip install 'posefuse[lsl]'") from None
+    return package_of_extra("pylsl", "lsl")

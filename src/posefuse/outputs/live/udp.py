@@ -223,14 +223,10 @@ class UdpOutput:
     """Sends each pose to every address; a network that is away loses datagrams and is no failure."""
 
     def __init__(self, name: str, addresses: tuple[str, ...], axes: str, packets: Packets) -> None:
-        self.name, self._addresses, self._axes, self._packets = name, addresses, axes, packets
+        self.name, self.where = name, ", ".join(addresses)
+        self._addresses, self._axes, self._packets = addresses, axes, packets
         self._stream: Any = None
         self._person_names: tuple[str, ...] = ()
-
-    @property
-    def where(self) -> str:
-        """The addresses."""
-        return ", ".join(self._addresses)
 
     def take(self, message: LiveMessage) -> None:
         """See `LiveOutput`."""

@@ -11,7 +11,6 @@ import numpy as np
 
 from posefuse.core import (
     CameraHealth,
-    Detections2D,
     LiveDetections,
     LiveHealth,
     LiveMessage,
@@ -91,7 +90,7 @@ class RerunLiveOutput:
             case LivePose(pose=pose) if self._due("pose", pose.t_ns, _POSE_EVERY_NS):
                 self._pose(pose)
             case LiveDetections(detections=view) if self._due(f"view {view.camera}", view.t_ns, _VIEW_EVERY_NS):
-                self._view(view)
+                log_detections(self._stream, view.camera, view.xy_img[view.score > 0], _DETECTION_RGB)
             case LivePreview():
                 self._preview(message)
             case LiveHealth():
@@ -103,13 +102,18 @@ class RerunLiveOutput:
             self._stream.disconnect()
 
     def _open(self, start: LiveStart) -> None:
+        import rerun as rr
+
         if self._config.file is not None:
             self.where = str(part_path(self._config.file, start.part))
         place = SPAWN if self._config.file is None else self.where
         self._rig, self._zero_ns, self._names = start.rig, start.t_ns, start.names
         self._stream = opened_stream("posefuse live", place, session_blueprint(start.rig.names, _below()))
         log_cameras(self._stream, start.rig.cameras, _GOOD_RGB)
-        self._name_plots()
+        for number, camera in enumerate(self._rig):
+            line = rr.SeriesLines(colors=plot_rgb(number), names=camera.name)
+            for plot in _PLOTS:
+                self._stream.log(f"plots/{plot}/{camera.name}", line, static=True)
 
     def _due(self, what: str, t_ns: int, every_ns: int) -> bool:
         if t_ns - self._shown_ns.get(what, 0) < every_ns:
@@ -117,14 +121,6 @@ class RerunLiveOutput:
         self._shown_ns[what] = t_ns
         self._stream.set_time(TIMELINE, duration=(t_ns - self._zero_ns) / 1e9)
         return True
-
-    def _name_plots(self) -> None:
-        import rerun as rr
-
-        for number, camera in enumerate(self._rig):
-            line = rr.SeriesLines(colors=plot_rgb(number), names=camera.name)
-            for plot in _PLOTS:
-                self._stream.log(f"plots/{plot}/{camera.name}", line, static=True)
 
     def _pose(self, pose: Pose3D) -> None:
         import rerun as rr
@@ -137,9 +133,6 @@ class RerunLiveOutput:
         self._people = set(pose.person_id.tolist())
         for camera in self._rig:
             log_projection(self._stream, camera, pose.skeleton, pose.xyz_world, _GOOD_RGB)
-
-    def _view(self, view: Detections2D) -> None:
-        log_detections(self._stream, view.camera, view.xy_img[view.score > 0], _DETECTION_RGB)
 
     def _preview(self, preview: LivePreview) -> None:
         import cv2

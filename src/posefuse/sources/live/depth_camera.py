@@ -6,11 +6,11 @@ import re
 import time
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
-from importlib import import_module
 from typing import Any, ClassVar
 
-from posefuse.core import DependencyError, SourceError
+from posefuse.core import SourceError
 from posefuse.core.errors import choices
+from posefuse.core.extras import package_of_extra
 
 _ANY = "any"
 
@@ -47,7 +47,7 @@ class DepthCamera(ABC):
     def __init__(self, config: DepthCameraConfig) -> None:
         self._config = config
         self.camera = config.camera
-        self._vendor = _vendor_module(self.library, self.extra)
+        self._vendor: Any = package_of_extra(self.library, self.extra)
         *size_wh, self._rate_hz = _wanted_size(self._where, config.size)
         self.size_wh = size_wh[0], size_wh[1]
         try:
@@ -75,14 +75,6 @@ class DepthCamera(ABC):
     @abstractmethod
     def _start(self, serial: str) -> None:
         """Start the stream, leaving what stops it in `_pipeline`; raises the library's RuntimeError."""
-
-
-def _vendor_module(name: str, extra: str) -> Any:
-    """The maker's library; raises DependencyError with the command to install it, or with what it lacks itself."""
-    try:
-        return import_module(name)
-    except ImportError as error:
-        raise DependencyError(f"{name}: not usable ({error}); install it with: pip install 'posefuse[{extra}]'") from None
 
 
 def _wanted_size(where: str, size: str) -> tuple[int, int, int]:

@@ -52,7 +52,7 @@ class OakSource(DepthCamera):
         self._pipeline.start()
 
     def _with_depth(self, color: Any) -> Any:
-        """The node that gives color and depth of one moment together, depth aligned with color."""
+        """The node that gives color and depth of one time together, depth aligned with color."""
         node, sockets = self._vendor.node, self._vendor.CameraBoardSocket
         stereo, sync = self._pipeline.create(node.StereoDepth), self._pipeline.create(node.Sync)
         for socket, side in ((sockets.CAM_B, stereo.left), (sockets.CAM_C, stereo.right)):

@@ -24,8 +24,9 @@ from posefuse.core import ConfigError, Rig
 from posefuse.core.arrays import Array
 from posefuse.core.ideal_image import drawn_camera
 from posefuse.core.se3 import SE3
+from posefuse.formats.npz import write_arrays
 from posefuse.formats.rig import write_rig
-from posefuse.formats.truth import write_arrays, write_loop, write_truth
+from posefuse.formats.truth import write_loop, write_truth
 from posefuse.foundation.output_folder import output_folder
 from posefuse.foundation.parsing import ros_name
 from posefuse.foundation.summary import Block, Facts, Heading, Note

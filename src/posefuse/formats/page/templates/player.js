@@ -157,5 +157,5 @@
     canvas.addEventListener("wheel", event => { event.preventDefault(); magnify(Math.exp(-event.deltaY * 0.001)); }, { passive: false });
   };
 
-  document.querySelectorAll("[data-player]").forEach(root => playerOf(root, data.players[Number(root.dataset.player)]));
+  document.querySelectorAll(".player").forEach((root, place) => playerOf(root, data.players[place]));
 })();

@@ -110,10 +110,10 @@
   });
 
   const onPaper = matchMedia("print");
-  const figures = [...document.querySelectorAll("[data-plot]")];
+  const figures = [...document.querySelectorAll(".plot")];
   const resized = new ResizeObserver(seen => seen.forEach(one => { if (!onPaper.matches && one.contentRect.width) Plotly.Plots.resize(one.target); }));
   const draw = (figure, paper) => {
-    const plot = data.plots[Number(figure.dataset.plot)], axes = figure.querySelector(".axes");
+    const plot = data.plots[figures.indexOf(figure)], axes = figure.querySelector(".axes");
     if (!figure.classList.contains("drawn")) resized.observe(axes);
     figure.classList.add("drawn");
     return Plotly.react(axes, plot.series.flatMap(traces), layout(plot, paper), config(plot));
