@@ -131,6 +131,21 @@ def test_raw_detections_and_gaps_are_marked(make_recording: Make) -> None:
     assert (view_tile(recording, 0, 0, image, size)[25:60, :200] > 100).sum() == 0
 
 
+def test_only_where_every_image_was_looked_at_is_a_missing_person_named(make_recording: Make) -> None:
+    recording = make_recording(cameras=3)
+    size = recording.rig.cameras[0].size_wh
+    log = recording.observations.only(np.zeros(len(recording.observations.frame_step), bool))
+    live = replace(log, step_t_ns=log.step_t_ns[:0])
+    written = [
+        (
+            view_tile(replace(recording, observations=one), 0, 0, np.zeros((*size[::-1], 3), np.uint8), size)[25:45, :200, 0]
+            > 100
+        ).sum()
+        for one in (log, live)
+    ]
+    assert written[0] > 100 and written[1] == 0
+
+
 def test_what_is_not_measured_is_hollow(make_recording: Make) -> None:
     skeleton = make_recording().poses.skeleton
     xy = np.array([[30.0, 30], [100, 30], [30, 200], [100, 200], [180, 120]])

@@ -223,7 +223,8 @@ def draw_view(
         draw_name(tile, projected[n], recording, n)
     if not notes:
         return
-    if not (recording.views.score[i, :, c] > 0).any():
+    # live, cameras are looked at in turn: at most times an image was not
+    if not recording.is_live and not (recording.views.score[i, :, c] > 0).any():
         words.append("no person seen")
     gone = int((poses.kind[i] == Kind.MISSING).sum())
     if gone:
