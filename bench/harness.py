@@ -1,7 +1,7 @@
 """What all benches share. A bench is a table of rows: `arguments` reads its command line, `answer` shows and writes its tables.
 
-Sessions are rendered once (`rendered`) and tracked once per version of the code (`tracked`); `live` plays one to `posefuse live`,
-`played` gives views to a tracker in simulated time, `errors` and `score` compare poses with the truth.
+Sessions are rendered once (`rendered`) and tracked once per version of the code (`tracked`); `live` and `live_recording` play
+one to `posefuse live`, `played` gives views to a tracker in simulated time, `errors` and `score` compare poses with the truth.
 """
 
 from __future__ import annotations
@@ -11,8 +11,10 @@ import hashlib
 import json
 import subprocess
 import sys
+import tempfile
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import replace
 from enum import StrEnum
 from functools import cache
 from pathlib import Path
@@ -36,6 +38,7 @@ from posefuse.formats.truth import read_truth  # noqa: E402
 from posefuse.foundation.parsing import plain  # noqa: E402
 from posefuse.foundation.settings import settings_from_mapping  # noqa: E402
 from posefuse.pipeline.config import TrackConfig, changed_config  # noqa: E402
+from posefuse.pipeline.reading import read_result  # noqa: E402
 from posefuse.pipeline.session import find_session  # noqa: E402
 from posefuse.pipeline.track import track_session  # noqa: E402
 from posefuse_sim.scene import Scene  # noqa: E402
@@ -127,6 +130,18 @@ def live(rig: Path, sources: Iterable[str], *options: object) -> dict[str, Any]:
     """Figures of one `posefuse live`."""
     done = subprocess.run(live_command(rig, sources, *options), check=True, capture_output=True)
     return json.loads(done.stdout)
+
+
+def live_recording(session: Path, *options: object) -> tuple[Recording, dict[str, Any]]:
+    """A session played to `posefuse live` and recorded, at the times of its files; and its figures."""
+    with tempfile.TemporaryDirectory() as scratch:
+        record = Path(scratch) / f"{session.name}.mcap"
+        figures = live(session / "rig.toml", sources_of(session), "--record", record, *options)
+        found = read_result(record)
+    later_ns = found.provenance["start_ns"] - figures["zero_ns"]
+    poses = replace(found.poses, t_ns=found.poses.t_ns + later_ns)
+    log = replace(found.observations, frame_t_ns=found.observations.frame_t_ns + later_ns)
+    return replace(found, poses=poses, observations=log), figures
 
 
 def arrivals(views: ViewSequence, rig: Rig, late_ns: int = 0, own_name: Callable[[str], str] = str) -> Iterator[tuple[int, Any]]:

@@ -2,12 +2,12 @@
 
     python bench/people.py [--reported] [--seed 11] [--only crossing] [--how live] [--kept FOLDER]
 
-2, 4 and 6 people; 4 and 8 cameras on a ring; walking, crossing, standing close, hugging, behind furniture, leaving and returning
-elsewhere, walking while cameras drop out and come back. The 2D keypoints are exact ones with the real network's error
-statistics, confusions and duplicates (`crowd_scenes.Network`), and so are the colours of clothes; nothing is rendered.
-Development uses bodies and scenes of seed 11, reported figures (`--reported`) those of other seeds. Times are processor time of
-all that is not the network. A result is a person when it is less than 0.5 m from it (mean over keypoints), which is also where
-the similarity of HOTA ends. Tables on stderr (means of seeds; of times, the worst), one JSON object on stdout.
+2, 4 and 6 people; 4 and 8 cameras on a ring; crossing, hugging, leaving and returning elsewhere. The 2D keypoints are exact ones
+with the real network's error statistics, confusions and duplicates (`crowd_scenes.Network`), and so are the colours of clothes;
+nothing is rendered. Development uses bodies and scenes of seed 11, reported figures (`--reported`) those of other seeds. Times
+are processor time of all that is not the network. A result is a person when it is less than 0.5 m from it (mean over
+keypoints), which is also where the similarity of HOTA ends. Tables on stderr (means of seeds; of times, the worst), one JSON
+object on stdout.
 """
 
 from __future__ import annotations
@@ -73,9 +73,7 @@ def live(network: Network, people: int) -> tuple[list[Pose3D], list[float]]:
         for c in range(len(network.rig)):
             due = len(expected) < people and t_ns / 1e9 - searched_s[c] >= LiveConfig().search_every_s
             searched_s[c] = t_ns / 1e9 if due else searched_s[c]
-            found = network.look(i, c, None if due or not len(expected) else network.regions(c, expected))
-            if network.works(i, c):
-                views.append(found)
+            views.append(network.look(i, c, None if due or not len(expected) else network.regions(c, expected)))
         began = time.thread_time()
         for view in views:
             tracker.add(view)
