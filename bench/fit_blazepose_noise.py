@@ -42,12 +42,11 @@ SCORE_BINS = [(0.0, 0.1), (0.1, 0.3), (0.3, 0.5), (0.5, 0.7), (0.7, 0.9), (0.9, 
 
 @dataclass(frozen=True, eq=False)
 class Samples:
-    """M crops, n keypoints: errors (M, n, 2) in crop px, features (M, n, F), score and visibility (M, n)."""
+    """M crops, n keypoints: errors (M, n, 2) in crop px, features (M, n, F), score (M, n)."""
 
     error_px: np.ndarray
     values: np.ndarray
     score: np.ndarray
-    visible: np.ndarray
 
     @staticmethod
     def stacked(samples: Sequence[Samples]) -> Samples:
@@ -64,10 +63,10 @@ def collect(folder: Path, network: BlazePoseNetwork, side_px: int) -> tuple[Samp
     truth = truth_of(folder)
     theirs, ours = truth.skeleton.indices(THEIR_NAMES), BODY.indices(OUR_NAMES)
     rng = np.random.default_rng(int(folder.name.removeprefix("scene")))
-    looks, errors, visible = [], [], []
+    looks, errors = [], []
     for view in truth.views:
         paths = sorted((folder / "videos" / view.camera).glob("*.jpg"))
-        for path, xy, seen in zip(paths, view.xy_img[:, 0], view.visible[:, 0], strict=True):
+        for path, xy in zip(paths, view.xy_img[:, 0], strict=True):
             region = region_from_keypoints(xy, truth.skeleton)
             if region is None:
                 continue
@@ -78,11 +77,10 @@ def collect(folder: Path, network: BlazePoseNetwork, side_px: int) -> tuple[Samp
             affine = crop_from_img(region, side_px)
             errors.append(look.xy_crop[0, ours] - (xy @ affine[:, :2].T + affine[:, 2])[theirs])
             looks.append(look)
-            visible.append(seen[theirs])
     known = [landmark_noise_features(look) for look in looks]
     values = np.stack([np.concatenate([one[name] for one in known])[:, ours] for name in known[0]], axis=-1)
     score = np.concatenate([look.visibility * look.presence[:, None] for look in looks])[:, ours]
-    return Samples(np.array(errors), values, score, np.array(visible)), list(known[0])
+    return Samples(np.array(errors), values, score), list(known[0])
 
 
 def fit_weights(data: Samples) -> tuple[np.ndarray, np.ndarray]:
@@ -95,7 +93,7 @@ def sigma_of(data: Samples, offset: np.ndarray, weight: np.ndarray) -> np.ndarra
 
 
 def calibration(data: Samples, sigma: np.ndarray) -> dict[str, list[dict]]:
-    """Mean of (error / sigma)^2 per axis by score and by keypoint; 1 is right."""
+    """Mean of (error / sigma)^2 per axis by score; 1 is right."""
     ratio, by_score = data.square / sigma**2, []
     for low, high in SCORE_BINS:
         inside = (data.score >= low) & (data.score < high)
@@ -105,12 +103,7 @@ def calibration(data: Samples, sigma: np.ndarray) -> dict[str, list[dict]]:
             # the median of chi2_2 / 2 is ln 2
             typical = float(np.median(ratio[inside]) / np.log(2))
             by_score.append({**about, "(e/sigma)^2": float(ratio[inside].mean()), "median-based": typical})
-    by_keypoint = []
-    for k, name in enumerate(THEIR_NAMES):
-        parts = {"(e/sigma)^2": ratio[:, k], "visible": ratio[data.visible[:, k], k], "hidden": ratio[~data.visible[:, k], k]}
-        means = {part: float(one.mean()) if len(one) else None for part, one in parts.items()}
-        by_keypoint.append({"keypoint": name, **means, "mean error px": data.error_px[:, k].mean(0).tolist()})
-    return {"By score": by_score, "By keypoint": by_keypoint}
+    return {"By score": by_score}
 
 
 def model_text(data: Samples, features: Sequence[str], scenes: int) -> str:
