@@ -30,7 +30,7 @@ for _folder in (ROOT, ROOT / "tools"):
 
 from page_marks import made_by, markdown, write_between_marks  # noqa: E402
 
-from posefuse.core import Detections2D, Kind, Pose3D, Recording, Rig, Truth, ViewSequence  # noqa: E402
+from posefuse.core import Detections2D, Kind, Observations, Pose3D, Recording, Rig, Truth, ViewSequence  # noqa: E402
 from posefuse.core.skeleton import PAPER14, pick_keypoints  # noqa: E402
 from posefuse.evaluation.metrics import true_xyz_at  # noqa: E402
 from posefuse.formats.recording import read_recording, write_recording  # noqa: E402
@@ -88,6 +88,19 @@ def rendered(scene: Scene, folder: Path, use: Use = Use.REPORT, processes: int |
 
 def truth_of(session: Path) -> Truth:
     return read_truth(SessionPaths(session).truth)
+
+
+def retimed(log: Observations, frame: np.ndarray, step: np.ndarray, step_t_ns: np.ndarray) -> Observations:
+    """Frames of a log at other time steps.
+
+    Args:
+        frame: (F,) rows of the log, which may come several times. step: (F,) time step that each is at now, see `step_t_ns` (T,).
+    """
+    rows = np.concatenate([np.arange(log.frame_begin[f], log.frame_begin[f + 1]) for f in frame])
+    late_ns = (log.frame_t_ns - log.step_t_ns[log.frame_step])[frame]
+    of_frames = {name: getattr(log, name)[frame] for name in ("frame_camera", "frame_look", "n_detections")}
+    times = {"step_t_ns": step_t_ns, "frame_step": step, "frame_t_ns": step_t_ns[step] + late_ns}
+    return replace(log, **of_frames, **times, person_id=log.person_id[rows], **log.rows(rows))
 
 
 @cache
