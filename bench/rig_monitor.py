@@ -3,11 +3,11 @@
     python bench/rig_monitor.py [--fit] [--trials 6] [--data ../shared/data] [--cache out/rig_monitor]
     python bench/rig_monitor.py --track [--seeds 100 ...] [--seconds 2 10 60] [--goods 100] [--write docs/reliability.md]
 
-Rendered walks and people who stand are looked at ten times a second by the network (kept in the cache; scenes are rendered
-where `python -m paper` has not left them). Then, after some seconds, a camera is turned or moved, its clock is late, or two
-cables are exchanged: every keypoint is displaced by what that does to its point in space, and keeps the network's error. `--fit`
-does it for other bodies in other rooms, from which the constants are; it also prints the most that nothing wrong explains.
-Seconds are of the data. Table on stderr, one JSON object on stdout.
+Rendered walks and people who stand are looked at ten times a second by the network; scenes are kept in the cache. Then, after
+some seconds, a camera is turned or moved, its clock is late, or two cables are exchanged: every keypoint is displaced by what
+that does to its point in space, and keeps the network's error. `--fit` does it for other bodies in other rooms, from which the
+constants are; it also prints the most that nothing wrong explains. Seconds are of the data. Table on stderr, one JSON object on
+stdout.
 
 `--track` asks what `track` answers to a rig that is wrong from the beginning: real footage (two detectors, two rooms) and the
 demo clip are solved with rigs of which a camera is turned, two are swapped, one is late, or all stand elsewhere; and with the
@@ -41,7 +41,7 @@ from scipy.interpolate import CubicSpline
 
 from paper.scenes.scenes import half_hidden_scene, ring, scene_name, static_scene, walking_scene
 from posefuse.calibration.keypoints import limb_keypoints
-from posefuse.core import SE3, Camera, InputError, Observations, Recording, Rig, Skeleton, Truth, Views
+from posefuse.core import SE3, Camera, InputError, Observations, Recording, Rig, Skeleton, Views
 from posefuse.core.skeleton import PAPER14, pick_keypoints
 from posefuse.evaluation.metrics import true_xyz_at
 from posefuse.fusion import FuseSettings, fuse
@@ -52,7 +52,6 @@ from posefuse.pipeline.solve import solve
 from posefuse_sim.cameras import looking_at
 from posefuse_sim.scene import Scene
 
-SESSIONS = Path("out/paper/sessions")
 RATE_HZ = 10.0
 FAULT_AT_S, WATCHED_S, SAID_S, QUIET_S = 6.0, 16.0, 4.0, 60.0
 LEAST_SCORE = 0.5
@@ -148,23 +147,17 @@ def made(seed: int, seconds: float, cameras: int, radius_m: float, fov_deg: floa
 
 
 def clip_of_scene(name: str, scene: Scene, cache: Path) -> Clip:
-    folder = scene_name(name.split(",")[0].replace(" ", "-"), scene)
-    kinds = (f"walking-{scene.seed}", f"static-occluded-{scene.seed}", "occlusion-screen", "occlusion-false_arm")
-    kept = [SESSIONS / scene_name(kind, scene) for kind in kinds]
-    session = next((path for path in kept if path.is_dir()), cache / "sessions" / folder)
+    session = cache / "sessions" / scene_name(name.split(",")[0].replace(" ", "-"), scene)
     return clip_of_session(name, rendered(scene, session, Use.FIT if scene.seed in FITTED_BODIES else Use.REPORT))
 
 
 def clip_of_session(name: str, session: Path) -> Clip:
     """2D poses as the pipeline for recordings has them."""
-    truth = truth_of(session) if (session / "truth").is_dir() else None
-    return clip_of(name, tracked(session, rate_hz=RATE_HZ, joint_centres=False), truth)
-
-
-def clip_of(name: str, recording: Recording, truth: Truth | None) -> Clip:
+    recording = tracked(session, rate_hz=RATE_HZ, joint_centres=False)
     poses, true14 = recording.poses, None
     xy = np.where((recording.views.score[:, 0] >= LEAST_SCORE)[..., None], recording.views.xy_img[:, 0], np.nan)
-    if truth is not None:
+    if (session / "truth").is_dir():
+        truth = truth_of(session)
         true14 = pick_keypoints(true_xyz_at(truth, poses.t_ns)[:, 0], truth.skeleton, PAPER14.keypoints)
     views = (xy, recording.views.score[:, 0], recording.views.sigma_px[:, 0])
     return Clip(name, recording.rig, (poses.t_ns - poses.t_ns[0]) / 1e9, *views, poses.xyz_world[:, 0], poses.skeleton, true14)
