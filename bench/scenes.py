@@ -110,11 +110,11 @@ def view_of(
     return Detections2D(camera=camera, t_ns=t_ns, skeleton=skeleton, xy_img=xy[None], box_img=box[None], **parts)
 
 
-def new_tracker(rig: Rig, skeleton: Skeleton, settings: LiveSettings | None = None, people: int = 1) -> Tracker:
+def new_tracker(rig: Rig, skeleton: Skeleton, people: int = 1) -> Tracker:
     """With association and fusion of one time step as the live pipeline has them."""
     associating = AssociateSettings(max_people=people)
     solve, fuse = build_solve(rig, associating, FuseSettings()), build_fuse(rig, FuseSettings())
-    return build_tracker(rig, skeleton, settings or LiveSettings(max_people=people), solve, fuse)
+    return build_tracker(rig, skeleton, LiveSettings(max_people=people), solve, fuse)
 
 
 def output_ticks(seconds: float) -> list[int]:
