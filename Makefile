@@ -118,10 +118,10 @@ calibration-faults: with-dev$(MORE)
 	nice $(BIN)/python bench/calibration_faults.py --page docs/calibration_faults.md
 
 mutation: with-dev$(MORE),mutation
-	nice $(BIN)/python bench/mutation.py --count 7 --seed 20261128 --survivors --page docs/mutation.md
+	nice $(BIN)/python bench/mutation.py --count 7 --seed 20261128 --page docs/mutation.md
 
 bench-live: with-dev$(MORE)
-	for name in live live_tracking; do $(BIN)/python bench/$$name.py --write docs/benchmarks.md || exit; done
+	for name in live live_overload; do $(BIN)/python bench/$$name.py --write docs/benchmarks.md || exit; done
 
 paper: with-dev$(MORE)
 	$(BIN)/python -m paper all --out out/paper

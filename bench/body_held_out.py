@@ -57,7 +57,7 @@ def positions(name: str, lines: list[Line], way: str) -> Line:
     better = sum(mean_of([line], "on", "joints_mm", *joints) < mean_of([line], "off", "joints_mm", *joints) for line in lines)
     return {
         "row": name, "body": way, "bodies": len(lines), "better": better,
-        "mean_mm": mean_of(lines, way, "joints_mm", *joints), "must_mm": ROWS[name].must_mm, "aim_mm": ROWS[name].aim_mm,
+        "mean_mm": mean_of(lines, way, "joints_mm", *joints),
         "worst_joint_mm": max(mean_of(lines, way, "joints_mm", joint) for joint in joints),
         "nees": mean_of(lines, way, "nees"), "skate_mm": mean_of(lines, way, "skate_mm"),
         "within_90": {end: mean_of(lines, way, "within_90", *names) for end, names in within.items()},

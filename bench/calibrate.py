@@ -13,14 +13,13 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
+from faults.sessions import errors as rig_errors
 from faults.waved_props import Faults, Waving, cube, observe_prop
 from harness import answer, arguments, medians, rendered
 from scenes import ring
 
 from posefuse.calibration.extrinsics.pipeline import Options
-from posefuse.calibration.extrinsics.self_checks import camera_differences
 from posefuse.calibration.extrinsics.target import Calibration, calibrate_extrinsics
-from posefuse.calibration.solving.rotations import poses_of
 from posefuse.calibration.targets.corners import joined
 from posefuse.calibration.targets.detection import detect_corners
 from posefuse.calibration.targets.kinds import Markers
@@ -61,14 +60,9 @@ def measured(rig: Rig, clocks: str, apart: bool, seed: int) -> dict[str, float]:
 
 def errors(rig: Rig, found: Calibration, late: np.ndarray) -> dict[str, float]:
     """Of the worst camera; scale counts, where the world is does not."""
-    true, got = (poses_of(one) for one in (rig, found.rig))
-    metres, radians = camera_differences(true, got)
+    millimetres, degrees = rig_errors(rig, found.rig)
     clock = found.clocks.offset_s - late
-    return {
-        "position_mm": float(metres.max() * 1e3),
-        "rotation_deg": float(np.rad2deg(radians.max())),
-        "clock_ms": float(np.abs(clock - clock[0]).max() * 1e3),
-    }
+    return {"position_mm": millimetres, "rotation_deg": degrees, "clock_ms": float(np.abs(clock - clock[0]).max() * 1e3)}
 
 
 def from_videos(session: Path) -> dict[str, float]:

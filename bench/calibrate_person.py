@@ -1,9 +1,8 @@
 """Rigs and clocks from a person alone: against the truth of rendered walks, and on real footage.
 
     python bench/calibrate_person.py [--seeds 1 41]              rigs: the real network on rendered walks
-    python bench/calibrate_person.py --real DATA                 rigs: pose2sim_single, estimates against each other
     python bench/calibrate_person.py --clocks [--seeds 21]       clocks: stamps shifted by what is known; rig known, and unknown
-    python bench/calibrate_person.py --clocks --real DATA        clocks: one camera shifted by whole frames
+    python bench/calibrate_person.py --real DATA                 clocks: of pose2sim_single, one camera shifted by whole frames
 
 Of clocks, two cameras keep the even frames and two the odd ones, so that no two neighbours ever look at one time. Constants
 were chosen on the walks of `python -m paper drift`; the coarse search was tried on oracle detections of these walks as well.
@@ -14,11 +13,10 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from itertools import combinations
 from pathlib import Path
 
 import numpy as np
-from faults.sessions import off_others_px, scale_of
+from faults.sessions import scale_of
 from harness import answer, arguments, note, rendered
 
 from paper.scenes.scenes import scene_name, walking_scene
@@ -55,8 +53,6 @@ SECONDS = (20.0, 30.0, 60.0)
 STATURE_M = 1.75
 REAL_RATE_HZ = 60.0
 REFERENCE = Path("calibration") / "Calib_qualisys.toml"
-LEAST_SCORE = 0.5
-NETWORKS = ("blazepose_full", "blazepose_heavy")
 
 
 def after_similarity(reference: Rig, rig: Rig) -> tuple[np.ndarray, np.ndarray]:
@@ -115,47 +111,6 @@ def outcome(rig: Rig, views: PersonViews, cameras: tuple[Camera, ...], length: K
 
 def halves_of(found: PersonCalibration) -> str:
     return next(check.detail for check in found.report.checks if check.name == "halves agree")
-
-
-def real(data: Path) -> dict[str, list[dict]]:
-    """`pose2sim_single`: rigs from several detectors, compared with each other and with the marker system's rig.
-
-    And, in both kinds of rig, by how much all keypoints of a camera together lie next to where the other cameras see them:
-    what a detector gets wrong differs from keypoint to keypoint, what a camera's pose gets wrong does not.
-    """
-    reference = read_rig(data / REFERENCE)
-    length, rigs, rows = KnownLength(stature_m=STATURE_M), {"reference": reference}, []
-    for name, (views, cameras) in _estimates(data, reference, length).items():
-        placed = Rig(tuple(replace(camera, cam_from_world=reference[camera.name].cam_from_world) for camera in cameras))
-        rows.append({"from": name, "off in the reference, px": off_px(placed, views)})
-        try:
-            found = calibrate_from_person(views, cameras, length)
-        except RefusedCalibration as refused:
-            rows[-1]["refused"] = str(refused)
-            continue
-        rigs[name] = found.rig
-        rows[-1] |= {"off in its own rig, px": off_px(found.rig, views), "halves": halves_of(found)}
-    pairs = []
-    for a, b in combinations(rigs, 2):
-        millimetres, degrees = (dict(zip(reference.names, values, strict=True)) for values in after_similarity(rigs[a], rigs[b]))
-        pairs.append({"rig": b, "against": a, "position_mm": millimetres, "rotation_deg": degrees})
-    return {"Estimates": rows, "Against each other": pairs}
-
-
-def off_px(rig: Rig, views: PersonViews) -> dict:
-    """Per camera, median (x, y) over all keypoints and time steps from what it saw to where the others' rays meet."""
-    xy = np.where((views.score >= LEAST_SCORE)[..., None], views.xy_img, np.nan)
-    off = off_others_px(rig, xy.reshape(len(rig), -1, 2))
-    return dict(zip(rig.names, np.nanmedian(off, axis=1).round(1).tolist(), strict=True))
-
-
-def _estimates(data: Path, lenses: Rig, length: KnownLength) -> dict[str, tuple[PersonViews, tuple[Camera, ...]]]:
-    videos = {name: data / "videos" / f"{name.replace('_', '')}.mp4" for name in lenses.names}
-    seen = {
-        network: person_in_videos(videos, lenses, length, DetectorChoice(options={"landmarks": network})) for network in NETWORKS
-    }
-    found = {network: (person_views(one.tracks), one.cameras) for network, one in seen.items()}
-    return {**found, "OpenPose": (person_views(openpose_tracks(data, lenses)), lenses.cameras)}
 
 
 def openpose_tracks(data: Path, rig: Rig) -> tuple[PersonTrack, ...]:
@@ -269,7 +224,7 @@ def real_clocks(data: Path) -> dict[str, list[dict]]:
 def main() -> None:
     args = arguments(__doc__, seeds=(int,), clocks=False, real=Path)
     if args.real:
-        answer(args, real_clocks(args.real) if args.clocks else real(args.real))
+        answer(args, real_clocks(args.real))
     else:
         answer(args, clocks(args.seeds) if args.clocks else simulated(args.seeds))
 

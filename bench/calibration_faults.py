@@ -5,16 +5,14 @@ Run: python bench/calibration_faults.py [--seeds 0 1 2] [--quick] [--only TEXT] 
 Every case runs for every seed; the same seed makes the same session. `--quick` runs one seed of a few cases of each group.
 `--words` prints the messages. JSON goes to stdout, the table to stderr and, on request, to a page.
 
-`--keep DIR` keeps each answer in a file; runs that are there are not run again, and several processes may share DIR. `--for-s`
-begins no run after so many seconds, and writes the page of what is there.
+`--keep DIR` keeps each answer in a file; runs that are there are not run again. Several processes may share DIR, each with seeds
+of its own. `--for-s` begins no run after so many seconds, and writes the page of what is there.
 """
 
 from __future__ import annotations
 
-import argparse
 import json
 import os
-import sys
 import tempfile
 import time
 import warnings
@@ -26,12 +24,12 @@ for _name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
 
 from faults import command_cases, file_cases, good_sessions, person_cases, prop_cases, verify_cases  # noqa: E402
 from faults.page import page  # noqa: E402
-from faults.runs import Outcome, Run, carry_out_once, give_up_claims, kept  # noqa: E402
+from faults.runs import Outcome, Run, carry_out, kept  # noqa: E402
 from faults.verdict import Case, GoodSession  # noqa: E402
+from harness import arguments, note  # noqa: E402
 
 CASES = (*prop_cases.CASES, *person_cases.CASES, *verify_cases.CASES, *file_cases.CASES, *command_cases.CASES)
 _QUICK_EACH, _QUICK_GOOD = 6, 10
-_CLAIM_S = 900.0
 
 
 def chosen_runs(only: str, seeds: list[int], quick: bool) -> list[Run]:
@@ -49,30 +47,23 @@ def show(run: Run, outcome: Outcome, words: bool) -> None:
     of, answer = run.of, outcome.answer
     group = of.group if isinstance(of, Case) else "good"
     said = f" {answer.error_mm:.1f} mm {answer.error_deg:.3f} deg: {answer.words[:600]}" if words else ""
-    print(f"{group:9} {of.name} [{run.seed}, {outcome.cpu_s:.0f} s]: {outcome.verdict}{said}", file=sys.stderr, flush=True)
+    note(f"{group:9} {of.name} [{run.seed}, {outcome.cpu_s:.0f} s]: {outcome.verdict}{said}")
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--seeds", type=int, nargs="+", default=[0, 1, 2])
-    parser.add_argument("--quick", action="store_true")
-    parser.add_argument("--only", default="", help="cases and good sessions whose group or name contains this")
-    parser.add_argument("--page", type=Path)
-    parser.add_argument("--words", action="store_true")
-    parser.add_argument("--keep", type=Path, help="folder of answers")
-    parser.add_argument("--for-s", type=float, default=float("inf"))
-    args = parser.parse_args()
+    args = arguments(
+        __doc__, seeds=(0, 1, 2), quick=False, only="", page=Path, words=False, keep=Path, for_s=float("inf")
+    )  # fmt: skip
     warnings.filterwarnings("ignore", category=RuntimeWarning)
     with tempfile.TemporaryDirectory() as own:
         folder = args.keep or Path(own)
         folder.mkdir(parents=True, exist_ok=True)
-        give_up_claims(folder, _CLAIM_S)
         found: list[tuple[Run, Outcome]] = []
         begin = time.monotonic()
         runs = chosen_runs(args.only, args.seeds, args.quick)
         for run in runs:
             late = time.monotonic() - begin > args.for_s
-            outcome = kept(folder, run) if late else carry_out_once(folder, run)
+            outcome = kept(folder, run) if late else carry_out(folder, run)
             if outcome is not None:
                 found.append((run, outcome))
                 show(run, outcome, args.words)
@@ -82,7 +73,7 @@ def main() -> None:
         args.seeds,
         len(runs) - len(found),
     )
-    print(text, file=sys.stderr)
+    note(text)
     if args.page:
         args.page.write_text(text, encoding="utf-8")
     print(json.dumps(figures))

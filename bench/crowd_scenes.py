@@ -39,13 +39,9 @@ CONFUSED = 0.3
 # and of single frames
 CAMERA_LAB, LIGHT_LAB, WHITE_LAB, LIGHT_S = np.array([6.0, 3.0, 3.0]), np.array([8.0, 3.0, 3.0]), np.array([2.0, 1.0, 1.0]), 1.0
 CASES = (
-    ("walking", 2, 4), ("walking", 6, 8),
     ("crossing", 2, 4), ("crossing", 4, 4), ("crossing", 6, 8),
-    ("close", 2, 4), ("close", 4, 8),
     ("hugging", 2, 4), ("hugging", 4, 8),
-    ("furniture", 2, 4), ("furniture", 4, 8),
     ("returning", 2, 4), ("returning", 4, 8), ("returning", 6, 8),
-    ("dropping", 2, 4), ("dropping", 6, 8),
 )  # fmt: skip
 
 
@@ -55,12 +51,11 @@ class Crowd:
 
     Attributes:
         truth: exact; NaN in 3D and in every view while a person is away. asked: (T, N) who counts: in the room and seen by two
-            cameras well enough. works: (T, C) which cameras give frames.
+            cameras well enough.
     """
 
     truth: Truth
     asked: np.ndarray
-    works: np.ndarray
 
 
 def crowd(kind: str, people: int, cameras: int, seed: int, kept: Path) -> Crowd:
@@ -72,13 +67,8 @@ def crowd(kind: str, people: int, cameras: int, seed: int, kept: Path) -> Crowd:
     truth = read_truth(path)
     if kind == "returning":
         truth = _without(truth, absences(people, len(truth.t_ns)))
-    works = np.ones((len(truth.t_ns), cameras), bool)
-    if kind == "dropping":
-        works = working(cameras, len(truth.t_ns), np.random.default_rng([seed, 7]))
-        views = [replace(view, visible=view.visible & works[:, c, None, None]) for c, view in enumerate(truth.views)]
-        truth = replace(truth, views=tuple(views))
     seen = np.stack([view.visible.mean(axis=-1) >= LEAST_VISIBLE for view in truth.views])
-    return Crowd(truth, seen.sum(axis=0) >= 2, works)
+    return Crowd(truth, seen.sum(axis=0) >= 2)
 
 
 def _truth(live: LiveScene) -> Truth:
@@ -95,17 +85,6 @@ def _truth(live: LiveScene) -> Truth:
         views.append(CameraTruth(camera=camera.name, t_ns=t_ns, xy_img=xy, visible=free & in_image(camera, xy)))
     ids = np.arange(people)
     return Truth(rig=live.rig, t_ns=t_ns, skeleton=ANATOMICAL23, person_id=ids, xyz_world=xyz, views=tuple(views))
-
-
-def working(cameras: int, frames: int, rng: np.random.Generator) -> np.ndarray:
-    """(T, C) which cameras give frames: each drops out twice for 0.2 to 2 s, at most half of them at a time."""
-    works = np.ones((frames, cameras), bool)
-    for c in rng.permutation(np.repeat(np.arange(cameras), 2)):
-        begin, length = rng.integers(30, frames - 60), round(RATE_HZ * rng.uniform(0.2, 2.0))
-        out = slice(begin, begin + length)
-        if ((~works[out]).sum(axis=1) < cameras // 2).all():
-            works[out, c] = False
-    return works
 
 
 def absences(people: int, frames: int) -> np.ndarray:
@@ -136,7 +115,6 @@ def _scene(kind: str, people: int, cameras: int, seed: int, attempt: int) -> Sce
         "people": [
             {"body": {"random_seed": 100 * seed + n}, "motion": motion} for n, motion in enumerate(_motions(kind, people, rng))
         ],
-        "occluders": _furniture(rng) if kind == "furniture" else [],
     }  # fmt: skip
     return scene_from(content, Use.DEVELOP if seed == DEVELOPMENT_SEED else Use.REPORT)
 
@@ -144,10 +122,6 @@ def _scene(kind: str, people: int, cameras: int, seed: int, attempt: int) -> Sce
 def _motions(kind: str, people: int, rng: np.random.Generator) -> list[dict[str, Any]]:
     if kind == "crossing":
         return [_crossing(n, rng) for n in range(people)]
-    if kind == "close":
-        spots = [(0.0, 0.0, 0.0), (0.42, 0.1, 180.0), (0.1, 0.5, -90.0), (0.55, 0.6, 200.0)]
-        kinds = ("reach", "idle", "wave", "idle")
-        return [{"kind": kinds[n], "position_m": spots[n][:2], "heading_deg": spots[n][2]} for n in range(people)]
     if kind == "hugging":
         return [_meeting(n, rng) for n in range(people)]
     speed = rng.uniform(0.8, 1.4, people)
@@ -176,14 +150,6 @@ def _meeting(n: int, rng: np.random.Generator) -> dict[str, Any]:
     return walk(path, float(rng.uniform(0.7, 1.1)))
 
 
-def _furniture(rng: np.random.Generator) -> list[dict[str, Any]]:
-    boxes = [{"kind": "box", "position_m": (0, 0, 1.0), "size_m": (0.5, 0.5, 2.0)}]
-    for angle in rng.uniform(0, 2 * np.pi) + np.arange(3) * 2.1:
-        place = (3.3 * np.cos(angle), 3.3 * np.sin(angle), 1.0)
-        boxes.append({"kind": "box", "position_m": place, "size_m": (0.3, 1.3, 2.0), "yaw_deg": float(np.degrees(angle))})
-    return boxes
-
-
 def _without(truth: Truth, away: np.ndarray) -> Truth:
     gone = away[..., None]
     views = tuple(
@@ -199,7 +165,7 @@ class Network:
     """
 
     def __init__(self, made: Crowd, seed: int) -> None:
-        truth, self._works, self.spent_s = made.truth, made.works, 0.0
+        truth, self.spent_s = made.truth, 0.0
         self.rig, self.skeleton, self.t_ns = truth.rig, truth.skeleton, truth.t_ns
         worn = worn_by(seed, len(truth.person_id))
         self._views = [
@@ -226,9 +192,6 @@ class Network:
         parts = {"xy_img": out_xy, "score": out_score, "sigma_px": out_sigma, "box_img": box, "clothing_lab": out_clothing}
         return Detections2D(camera=self.rig.names[c], t_ns=int(self.t_ns[i]), skeleton=self.skeleton, **parts)
 
-    def works(self, i: int, c: int) -> bool:
-        return bool(self._works[i, c])
-
     def regions(self, c: int, xyz_world: np.ndarray) -> list[Region]:
         found = [region_from_pose(self.rig.cameras[c], xyz, self.skeleton) for xyz in xyz_world]
         return [region for region in found if region is not None]
@@ -251,9 +214,7 @@ class Step:
     def look(self, kind: LookKind, expected: Pose3D | None) -> tuple[Detections2D, ...]:
         one, began = self.network, time.thread_time()
         found = tuple(
-            one.look(self.i, c, None if expected is None else one.regions(c, expected.xyz_world))
-            for c in range(len(one.rig))
-            if one.works(self.i, c)
+            one.look(self.i, c, None if expected is None else one.regions(c, expected.xyz_world)) for c in range(len(one.rig))
         )
         one.spent_s += time.thread_time() - began
         return found

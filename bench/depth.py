@@ -1,7 +1,6 @@
 """What the depth of RGB-D cameras adds to one, two and four cameras: error and honesty of recorded and live tracking.
 
-    python bench/depth.py OUT [--frames 60] [--seed 9400]     the reported tables: rendered people, the bundled network
-    python bench/depth.py OUT --fast                          exact keypoints with the error of a network instead, no network
+    python bench/depth.py OUT [--frames 60] [--seed 9400]     the reported table: rendered people, the bundled network
     python bench/depth.py OUT --fit                           how far keypoints lie below the skin: the table in `core.depth`
 
 A person walks in a circle before four cameras, whose depth is that of `simulation.depth.DepthSettings`: MuJoCo's depth with the
@@ -22,18 +21,14 @@ from pathlib import Path
 
 import numpy as np
 from harness import JOINTS, Use, answer, arguments, covariances, errors, note, rendered, scene_from, score, tracked, truth_of
-from scenes import SIGMA_PX, circle, new_tracker, noise, view_of
+from scenes import circle, new_tracker, view_of
 
-from posefuse.core import Detections2D, JointCentres, Pose3D, PoseSequence, Rig, Truth
-from posefuse.core.observations import observations_from_frames, on_time_steps
-from posefuse.core.view_sequences import views_over_time
+from posefuse.core import Detections2D, JointCentres, Pose3D, Rig, Truth
 from posefuse.detection import with_depth
 from posefuse.detection.build import DetectorChoice, build_detector
 from posefuse.evaluation.metrics import true_xyz_at
 from posefuse.formats.depth_images import DepthFolder
-from posefuse.fusion import FuseSettings, fuse
-from posefuse.pipeline.second_pass import poses_over_time
-from posefuse.tracking import LearntLengths, SmoothSettings, at_joint_centres
+from posefuse.tracking import LearntLengths, at_joint_centres
 from posefuse_sim.scene import Scene
 from posefuse_sim.session import SessionPaths
 
@@ -41,8 +36,6 @@ RATE_HZ = 30.0
 CAMERAS = {1: (0,), 2: (0, 1), 4: (0, 1, 2, 3)}
 LATE_S, WARM_UP_S = 0.06, 0.5
 FIT_BODIES, FIT_SEED, FIT_FRAMES, FIT_HZ = 3, 8100, 6, 3.0
-SURE_SCORE, HIDDEN_SCORE, HIDDEN_FACTOR = 0.9, 0.4, 3.0
-MODES = ("fused", "recorded", "live")
 NO_NOISE = {"disparity_sigma_px": 0.0, "step_px": 0.0, "floor_m": 0.0, "lateral_px": 0.0, "edge_loss": 0.0}
 
 Row = dict[str, object]
@@ -59,45 +52,13 @@ def scene(seed: int, frames: int, depth: dict[str, float], rate_hz: float, use: 
     return scene_from({**about, "cameras": cameras, "people": [person]}, use)
 
 
-def erring_frames(session: Path, truth: Truth, seed: int) -> list[Detections2D]:
-    """Every view in the order of time: exact keypoints with the errors of a network, and the depth sampled where they fall."""
-    rng, frames = np.random.default_rng(seed), []
-    for camera, view in zip(truth.rig, truth.views, strict=True):
-        sigma = SIGMA_PX * np.where(view.visible[:, 0], 1.0, HIDDEN_FACTOR)
-        xy = view.xy_img[:, 0] + sigma[..., None] * noise(rng, view.t_ns / 1e9, len(truth.skeleton))
-        certainty = np.where(view.visible[:, 0], SURE_SCORE, HIDDEN_SCORE)
-        depths = DepthFolder(SessionPaths(session).depth(camera.name))
-        for i, t_ns in enumerate(view.t_ns.tolist()):
-            seen = view_of(camera.name, t_ns, truth.skeleton, xy[i], sigma[i], certainty[i])
-            frames.append(with_depth(replace(seen, box_img=np.zeros((1, 4))), depths.at(t_ns, camera.size_wh)))
-    return sorted(frames, key=lambda one: one.t_ns)
-
-
-def of_cameras(frames: Sequence[Detections2D], rig: Rig, depth: bool) -> list[Detections2D]:
-    """The views of some cameras, with or without depth."""
-    mine = [one for one in frames if one.camera in rig.names]
-    return mine if depth else [replace(one, depth_m=None) for one in mine]
-
-
-def poses_of(mode: str, frames: Sequence[Detections2D], rig: Rig, truth: Truth) -> list[Pose3D]:
-    """One person's views, each time step by itself (fused), over all of time (recorded), or live."""
-    if mode == "live":
-        return live_poses(frames, rig)
-    log = on_time_steps(observations_from_frames(truth.skeleton, rig.names, frames), truth.t_ns)
-    views = views_over_time(log.with_person_ids(np.where(log.frame_step[log.detection_frame] >= 0, 0, -1)), [0])
-    if mode == "fused":
-        return [fuse(views.at(i), rig, FuseSettings()) for i in range(len(views.t_ns))]
-    return sequence(poses_over_time(views, rig, FuseSettings(), SmoothSettings()))
-
-
-def live_poses(frames: Sequence[Detections2D], rig: Rig, table: JointCentres | None = None) -> list[Pose3D]:
+def live_poses(frames: Sequence[Detections2D], rig: Rig, table: JointCentres) -> list[Pose3D]:
     """The live tracker's pose `LATE_S` after each view, moved to joint centres by the table."""
-    tracker, poses = new_tracker(rig, frames[0].skeleton), []
-    lengths = LearntLengths(table) if table else None
+    tracker, lengths, poses = new_tracker(rig, frames[0].skeleton), LearntLengths(table), []
     for one in frames:
         tracker.add(one)
         pose = tracker.at(one.t_ns + round(LATE_S * 1e9))
-        poses.append(at_joint_centres(pose, table, lengths.step(pose)) if table and lengths else pose)
+        poses.append(at_joint_centres(pose, table, lengths.step(pose)))
     return poses
 
 
@@ -108,19 +69,6 @@ def figures(poses: Sequence[Pose3D], truth: Truth) -> dict[str, float]:
     known = np.isfinite(miss).all(axis=-1)
     within = np.abs(miss[known]) < 2 * np.sqrt(np.diagonal(cov[known], axis1=1, axis2=2))
     return score(miss, cov) | ({"within_2_sigma": float(within.mean())} if known.any() else {})
-
-
-def fast_rows(session: Path, seed: int) -> Iterator[Row]:
-    truth = truth_of(session)
-    frames = erring_frames(session, truth, seed)
-    for mode, (count, places), depth in product(MODES, CAMERAS.items(), (False, True)):
-        rig = truth.rig.only([truth.rig.names[c] for c in places])
-        poses = poses_of(mode, of_cameras(frames, rig, depth), rig, truth)
-        yield {"mode": mode, "cameras": count, "depth": depth} | figures(poses, truth)
-
-
-def sequence(poses: PoseSequence) -> list[Pose3D]:
-    return [poses.at(i) for i in range(len(poses))]
 
 
 def without_depth(session: Path) -> Path:
@@ -140,12 +88,12 @@ def network_rows(session: Path) -> Iterator[Row]:
         about = {"cameras": count, "depth": depth}
         if count == 1 and not depth:
             # refused by the pipeline: one camera without depth gives no 3D
-            yield from ({"mode": mode} | about | {"found": 0.0} for mode in MODES[1:])
+            yield from ({"mode": mode} | about | {"found": 0.0} for mode in ("recorded", "live"))
             continue
         used = [truth.rig.names[c] for c in places]
         skipped = {f"cameras__{name}__skip": True for name in truth.rig.names if name not in used}
         done = tracked(session if depth else without_depth(session), **skipped)
-        yield {"mode": "recorded"} | about | figures(sequence(done.poses), truth)
+        yield {"mode": "recorded"} | about | figures([done.poses.at(i) for i in range(len(done.poses))], truth)
         frames = [done.observations.detections(i) for i in range(len(done.observations.frame_t_ns))]
         seen = sorted((one for one in frames if len(one)), key=lambda one: one.t_ns)
         table = build_detector(DetectorChoice(), done.rig).joint_centres
@@ -181,16 +129,16 @@ def below_the_skin(out: Path) -> list[Row]:
 
 
 def main() -> None:
-    args = arguments(__doc__, positional=("out",), out=Path, frames=60, seed=9400, fast=False, fit=False)
+    args = arguments(__doc__, positional=("out",), out=Path, frames=60, seed=9400, fit=False)
     if args.fit:
         answer(args, {"Below the skin": below_the_skin(args.out)})
         return
     session = rendered(scene(args.seed, args.frames, {}, RATE_HZ, Use.REPORT), args.out / f"scene{args.seed}")
     rows = []
-    for row in fast_rows(session, args.seed) if args.fast else network_rows(session):
+    for row in network_rows(session):
         note(row)
         rows.append(row)
-    answer(args, {f"{'Exact keypoints with the error of a network' if args.fast else 'Bundled network'}, body {args.seed}": rows})
+    answer(args, {f"Bundled network, body {args.seed}": rows})
 
 
 if __name__ == "__main__":

@@ -23,18 +23,16 @@ from posefuse.detection.card import LandmarkCard, read_card
 from posefuse.detection.crops import crop_from_img, square_crop
 from posefuse.detection.decode import landmarks_from_outputs
 from posefuse.detection.engines import BlazePoseNetwork
-from posefuse.detection.noise import landmark_noise_features
+from posefuse.detection.noise import NoiseModel, landmark_noise_features
 from posefuse.foundation.places import default_cache_dir
 from posefuse_sim.fitting import render_everyday
 from posefuse_sim.fitting.keypoint_noise import _as_in_use as as_in_use
-from posefuse_sim.fitting.keypoint_noise import fit_log_sigma
+from posefuse_sim.fitting.keypoint_noise import fit_log_sigma, noise_text, shared_keypoints
 from posefuse_sim.scene import read_scene
 from posefuse_sim.session import SessionPaths
 
 BODY, TRUE_BODY = SKELETONS["blazepose33"], SKELETONS["anatomical23"]
-SYNONYMS = {"left_big_toe": "left_foot_index", "right_big_toe": "right_foot_index"}
-THEIR_NAMES = [name for name in TRUE_BODY.keypoints if SYNONYMS.get(name, name) in BODY.keypoints]
-OUR_NAMES = [SYNONYMS.get(name, name) for name in THEIR_NAMES]
+NAMES, THEIRS, OURS = shared_keypoints(BODY, TRUE_BODY)
 MOST_ERROR_PX = 15.0
 LEAST_PX, MOST_PX = 0.5, 40.0
 SCORE_BINS = [(0.0, 0.1), (0.1, 0.3), (0.3, 0.5), (0.5, 0.7), (0.7, 0.9), (0.9, 0.97), (0.97, 1.01)]
@@ -42,12 +40,11 @@ SCORE_BINS = [(0.0, 0.1), (0.1, 0.3), (0.3, 0.5), (0.5, 0.7), (0.7, 0.9), (0.9, 
 
 @dataclass(frozen=True, eq=False)
 class Samples:
-    """M crops, n keypoints: errors (M, n, 2) in crop px, features (M, n, F), score and visibility (M, n)."""
+    """M crops, n keypoints: errors (M, n, 2) in crop px, features (M, n, F), score (M, n)."""
 
     error_px: np.ndarray
     values: np.ndarray
     score: np.ndarray
-    visible: np.ndarray
 
     @staticmethod
     def stacked(samples: Sequence[Samples]) -> Samples:
@@ -62,12 +59,11 @@ class Samples:
 def collect(folder: Path, network: BlazePoseNetwork, side_px: int) -> tuple[Samples, list[str]]:
     """Network outputs and errors for every rendered person, with the regions of normal use; and the features' names."""
     truth = truth_of(folder)
-    theirs, ours = truth.skeleton.indices(THEIR_NAMES), BODY.indices(OUR_NAMES)
     rng = np.random.default_rng(int(folder.name.removeprefix("scene")))
-    looks, errors, visible = [], [], []
+    looks, errors = [], []
     for view in truth.views:
         paths = sorted((folder / "videos" / view.camera).glob("*.jpg"))
-        for path, xy, seen in zip(paths, view.xy_img[:, 0], view.visible[:, 0], strict=True):
+        for path, xy in zip(paths, view.xy_img[:, 0], strict=True):
             region = region_from_keypoints(xy, truth.skeleton)
             if region is None:
                 continue
@@ -76,18 +72,17 @@ def collect(folder: Path, network: BlazePoseNetwork, side_px: int) -> tuple[Samp
             landmarks, presence, heatmaps = network([square_crop(image, region, side_px)])
             look = landmarks_from_outputs(landmarks, presence, heatmaps, len(BODY), side_px)
             affine = crop_from_img(region, side_px)
-            errors.append(look.xy_crop[0, ours] - (xy @ affine[:, :2].T + affine[:, 2])[theirs])
+            errors.append(look.xy_crop[0, OURS] - (xy @ affine[:, :2].T + affine[:, 2])[THEIRS])
             looks.append(look)
-            visible.append(seen[theirs])
     known = [landmark_noise_features(look) for look in looks]
-    values = np.stack([np.concatenate([one[name] for one in known])[:, ours] for name in known[0]], axis=-1)
-    score = np.concatenate([look.visibility * look.presence[:, None] for look in looks])[:, ours]
-    return Samples(np.array(errors), values, score, np.array(visible)), list(known[0])
+    values = np.stack([np.concatenate([one[name] for one in known])[:, OURS] for name in known[0]], axis=-1)
+    score = np.concatenate([look.visibility * look.presence[:, None] for look in looks])[:, OURS]
+    return Samples(np.array(errors), values, score), list(known[0])
 
 
 def fit_weights(data: Samples) -> tuple[np.ndarray, np.ndarray]:
     """Offsets (n,) and weights (F,) of greatest Gaussian likelihood."""
-    return fit_log_sigma(data.square, data.values, [THEIR_NAMES.index(mirror_name(name)) for name in THEIR_NAMES])
+    return fit_log_sigma(data.square, data.values, [NAMES.index(mirror_name(name)) for name in NAMES])
 
 
 def sigma_of(data: Samples, offset: np.ndarray, weight: np.ndarray) -> np.ndarray:
@@ -95,7 +90,7 @@ def sigma_of(data: Samples, offset: np.ndarray, weight: np.ndarray) -> np.ndarra
 
 
 def calibration(data: Samples, sigma: np.ndarray) -> dict[str, list[dict]]:
-    """Mean of (error / sigma)^2 per axis by score and by keypoint; 1 is right."""
+    """Mean of (error / sigma)^2 per axis by score; 1 is right."""
     ratio, by_score = data.square / sigma**2, []
     for low, high in SCORE_BINS:
         inside = (data.score >= low) & (data.score < high)
@@ -105,31 +100,24 @@ def calibration(data: Samples, sigma: np.ndarray) -> dict[str, list[dict]]:
             # the median of chi2_2 / 2 is ln 2
             typical = float(np.median(ratio[inside]) / np.log(2))
             by_score.append({**about, "(e/sigma)^2": float(ratio[inside].mean()), "median-based": typical})
-    by_keypoint = []
-    for k, name in enumerate(THEIR_NAMES):
-        parts = {"(e/sigma)^2": ratio[:, k], "visible": ratio[data.visible[:, k], k], "hidden": ratio[~data.visible[:, k], k]}
-        means = {part: float(one.mean()) if len(one) else None for part, one in parts.items()}
-        by_keypoint.append({"keypoint": name, **means, "mean error px": data.error_px[:, k].mean(0).tolist()})
-    return {"By score": by_score, "By keypoint": by_keypoint}
+    return {"By score": by_score}
 
 
-def model_text(data: Samples, features: Sequence[str], scenes: int) -> str:
+def model_of(data: Samples, features: Sequence[str], scenes: int) -> NoiseModel:
+    """Keypoints the mesh does not have take the value of their neighbour, fingers a fifth more than the wrist."""
     offset, weight = fit_weights(data)
-    known = dict(zip(OUR_NAMES, offset, strict=True))
-    lines = [
-        f'made_by = "bench/fit_blazepose_noise.py: {scenes} rendered scenes, {len(data.score)} crops, '
-        f'errors against mesh keypoints counted up to {MOST_ERROR_PX:g} crop px"',
-        f"least = {LEAST_PX}",
-        f"most = {MOST_PX}",
-        "",
-        "[weights]",
-        *(f"{name} = {value:.4f}" for name, value in zip(features, weight, strict=True)),
-        "",
-        "# keypoints the mesh does not have take the value of their neighbour, fingers a fifth more than the wrist",
-        "[offset]",
-        *(f"{name} = {(known[name] if name in known else stand_in(name, known)):.4f}" for name in BODY.keypoints),
-    ]
-    return "\n".join(lines) + "\n"
+    known = dict(zip(NAMES, map(float, offset), strict=True))
+    made_by = (
+        f"bench/fit_blazepose_noise.py: {scenes} rendered scenes, {len(data.score)} crops, "
+        f"errors against mesh keypoints counted up to {MOST_ERROR_PX:g} crop px"
+    )
+    return NoiseModel(
+        made_by=made_by,
+        weights=dict(zip(features, map(float, weight), strict=True)),
+        offset={name: known[name] if name in known else stand_in(name, known) for name in BODY.keypoints},
+        least=LEAST_PX,
+        most=MOST_PX,
+    )
 
 
 def stand_in(name: str, known: dict[str, float]) -> float:
@@ -138,7 +126,7 @@ def stand_in(name: str, known: dict[str, float]) -> float:
         return known["nose"]
     if "eye" in name:
         return known[f"{side}_eye"]
-    return known[f"{side}_wrist"] + np.log(1.2)
+    return known[f"{side}_wrist"] + float(np.log(1.2))
 
 
 def main() -> None:
@@ -159,8 +147,8 @@ def main() -> None:
         kept.append(Samples.stacked(samples[part::4]))
         others = Samples.stacked([one for i, one in enumerate(samples) if i % 4 != part])
         sigmas.append(sigma_of(kept[-1], *fit_weights(others)))
-    text = model_text(Samples.stacked(samples), features, len(folders))
-    card.noise_file.write_text(text, encoding="utf-8")
+    model = model_of(Samples.stacked(samples), features, len(folders))
+    card.noise_file.write_text(noise_text(model), encoding="utf-8")
     answer(args, calibration(Samples.stacked(kept), np.concatenate(sigmas)))
 
 

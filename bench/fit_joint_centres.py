@@ -120,35 +120,23 @@ def errors_mm(poses: PoseSequence, truth: Truth, table: JointCentres) -> dict[st
     return {joint: (np.concatenate(before), np.concatenate(after)) for joint, (before, after) in found.items()}
 
 
-def parts(errors: list[np.ndarray], when: str) -> Row:
-    """What (M, 3) errors in mm of each body are made of: a mean that all bodies share, each body's own, and what changes."""
-    means = np.array([one.mean(axis=0) for one in errors])
-    own, changing = means - means.mean(axis=0), np.concatenate([one - one.mean(axis=0) for one in errors])
-    found = {"common": means.mean(axis=0), "own": own, "changing": changing}
-    return {f"{name}, {when}": float(np.linalg.norm(one, axis=-1).mean()) for name, one in found.items()}
-
-
 def fit(folders: list[Path], card_name: str, only: tuple[str, ...]) -> dict[str, list[Row]]:
     scenes = [path for folder in folders for path in sorted(folder.glob("scene*")) if is_rendered(path)]
     for path in scenes:
         checked(read_scene(SessionPaths(path).scene), Use.FIT)
     runs = [run_of(path, card_name) for path in scenes]
-    raised = {folders[0] / f"scene{i:02d}" for i in range(SCENES_EACH, 2 * SCENES_EACH)}
     found: dict[Path, dict[str, tuple[np.ndarray, np.ndarray]]] = {}
     for part in range(PARTS):
         table = fit_joint_centres([run for i, run in enumerate(runs) if i % PARTS != part])
         found |= {scenes[i]: errors_mm(*run, table) for i, run in enumerate(runs) if i % PARTS == part}
     table = fit_joint_centres(runs, f"{card_name}, fitted to {len(runs)} simulated bodies")
-    rows, causes = [], []
+    rows = []
     for joint in JOINTS:
         before, after = (np.linalg.norm(np.concatenate([one[joint][k] for one in found.values()]), axis=1) for k in (0, 1))
         offsets = {name: 1000 * metres for name, metres in table.offsets[joint].items()}
         rows.append({"joint": joint, "before": float(before.mean()), "after": float(after.mean()), "offsets": offsets})
-        both = [[one[joint][k] for path, one in found.items() if path in raised] for k in (0, 1)]
-        causes.append({"joint": joint, **parts(both[0], "before"), **parts(both[1], "after")})
     write_card(card_name, table, only, len(runs))
-    judged = f"mm, {len(runs)} scenes, each judged by a fit to the bodies of the other three quarters"
-    return {judged: rows, f"What errors are made of, mm, {len(raised & found.keys())} bodies with raised arms": causes}
+    return {f"mm, {len(runs)} scenes, each judged by a fit to the bodies of the other three quarters": rows}
 
 
 def write_card(card_name: str, table: JointCentres, only: tuple[str, ...], bodies: int) -> None:

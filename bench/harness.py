@@ -1,7 +1,7 @@
 """What all benches share. A bench is a table of rows: `arguments` reads its command line, `answer` shows and writes its tables.
 
-Sessions are rendered once (`rendered`) and tracked once per version of the code (`tracked`); `live` plays one to `posefuse live`,
-`played` gives views to a tracker in simulated time, `errors` and `score` compare poses with the truth.
+Sessions are rendered once (`rendered`) and tracked once per version of the code (`tracked`); `live` and `live_recording` play
+one to `posefuse live`, `played` gives views to a tracker in simulated time, `errors` and `score` compare poses with the truth.
 """
 
 from __future__ import annotations
@@ -11,8 +11,10 @@ import hashlib
 import json
 import subprocess
 import sys
+import tempfile
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import replace
 from enum import StrEnum
 from functools import cache
 from pathlib import Path
@@ -28,7 +30,7 @@ for _folder in (ROOT, ROOT / "tools"):
 
 from page_marks import made_by, markdown, write_between_marks  # noqa: E402
 
-from posefuse.core import Detections2D, Kind, Pose3D, Recording, Rig, Truth, ViewSequence  # noqa: E402
+from posefuse.core import Detections2D, Kind, Observations, Pose3D, Recording, Rig, Truth, ViewSequence  # noqa: E402
 from posefuse.core.skeleton import PAPER14, pick_keypoints  # noqa: E402
 from posefuse.evaluation.metrics import true_xyz_at  # noqa: E402
 from posefuse.formats.recording import read_recording, write_recording  # noqa: E402
@@ -36,6 +38,7 @@ from posefuse.formats.truth import read_truth  # noqa: E402
 from posefuse.foundation.parsing import plain  # noqa: E402
 from posefuse.foundation.settings import settings_from_mapping  # noqa: E402
 from posefuse.pipeline.config import TrackConfig, changed_config  # noqa: E402
+from posefuse.pipeline.reading import read_result  # noqa: E402
 from posefuse.pipeline.session import find_session  # noqa: E402
 from posefuse.pipeline.track import track_session  # noqa: E402
 from posefuse_sim.scene import Scene  # noqa: E402
@@ -87,6 +90,19 @@ def truth_of(session: Path) -> Truth:
     return read_truth(SessionPaths(session).truth)
 
 
+def retimed(log: Observations, frame: np.ndarray, step: np.ndarray, step_t_ns: np.ndarray) -> Observations:
+    """Frames of a log at other time steps.
+
+    Args:
+        frame: (F,) rows of the log, which may come several times. step: (F,) time step that each is at now, see `step_t_ns` (T,).
+    """
+    rows = np.concatenate([np.arange(log.frame_begin[f], log.frame_begin[f + 1]) for f in frame])
+    late_ns = (log.frame_t_ns - log.step_t_ns[log.frame_step])[frame]
+    of_frames = {name: getattr(log, name)[frame] for name in ("frame_camera", "frame_look", "n_detections")}
+    times = {"step_t_ns": step_t_ns, "frame_step": step, "frame_t_ns": step_t_ns[step] + late_ns}
+    return replace(log, **of_frames, **times, person_id=log.person_id[rows], **log.rows(rows))
+
+
 @cache
 def code() -> str:
     """A digest of the source, so that what other code gave is not taken for what this code gives."""
@@ -127,6 +143,18 @@ def live(rig: Path, sources: Iterable[str], *options: object) -> dict[str, Any]:
     """Figures of one `posefuse live`."""
     done = subprocess.run(live_command(rig, sources, *options), check=True, capture_output=True)
     return json.loads(done.stdout)
+
+
+def live_recording(session: Path, *options: object) -> tuple[Recording, dict[str, Any]]:
+    """A session played to `posefuse live` and recorded, at the times of its files; and its figures."""
+    with tempfile.TemporaryDirectory() as scratch:
+        record = Path(scratch) / f"{session.name}.mcap"
+        figures = live(session / "rig.toml", sources_of(session), "--record", record, *options)
+        found = read_result(record)
+    later_ns = found.provenance["start_ns"] - figures["zero_ns"]
+    poses = replace(found.poses, t_ns=found.poses.t_ns + later_ns)
+    log = replace(found.observations, frame_t_ns=found.observations.frame_t_ns + later_ns)
+    return replace(found, poses=poses, observations=log), figures
 
 
 def arrivals(views: ViewSequence, rig: Rig, late_ns: int = 0, own_name: Callable[[str], str] = str) -> Iterator[tuple[int, Any]]:

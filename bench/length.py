@@ -17,7 +17,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-from harness import DEMO, POSEFUSE, answer, arguments, note, tracked
+from harness import DEMO, POSEFUSE, answer, arguments, note, retimed, tracked
 from page_marks import table_between_marks
 
 from posefuse.core import Observations, Recording
@@ -44,21 +44,10 @@ def there_and_back(recording: Recording, minutes: float) -> Recording:
 def _backwards(log: Observations) -> Observations:
     """The same frames in the opposite order of time."""
     order = np.argsort(-log.frame_step, kind="stable")
-    frames = [slice(log.frame_begin[i], log.frame_begin[i + 1]) for i in order]
-    rows = np.concatenate([np.arange(one.start, one.stop) for one in frames])
     last = len(log.step_t_ns) - 1
     ends_ns = int(log.step_t_ns[0] + log.step_t_ns[-1])
-    return replace(
-        log,
-        step_t_ns=ends_ns - log.step_t_ns[::-1],
-        frame_camera=log.frame_camera[order],
-        frame_t_ns=ends_ns - log.frame_t_ns[order],
-        frame_step=last - log.frame_step[order],
-        frame_look=log.frame_look[order],
-        n_detections=log.n_detections[order],
-        person_id=log.person_id[rows],
-        **log.rows(rows),
-    )
+    back = retimed(log, order, last - log.frame_step[order], ends_ns - log.step_t_ns[::-1])
+    return replace(back, frame_t_ns=ends_ns - log.frame_t_ns[order])
 
 
 def _later(log: Observations, later_ns: int) -> Observations:

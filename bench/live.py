@@ -84,10 +84,10 @@ def played_live(rig: Path, sources: Sequence[str], session: Path, seconds: float
     }
 
 
-def twins(session: Path, path: Path, copies: int = 1) -> list[str]:
-    """A rig with every camera and so many twins of it, and the videos as sources; a rig file refuses two cameras at one place."""
+def twins(session: Path, path: Path) -> list[str]:
+    """A rig with every camera and a twin of it, and the videos as sources; a rig file refuses two cameras at one place."""
     rig = read_rig(session / "rig.toml")
-    names = ("", *(TWIN * (i + 1) for i in range(copies)))
+    names = ("", TWIN)
     cameras = [
         replace(c, name=f"{c.name}{name}", cam_from_world=SE3(_UPRIGHT, np.array([i * _ASIDE_M, 0.0, 0.0])) @ c.cam_from_world)
         for i, name in enumerate(names)

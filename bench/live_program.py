@@ -75,18 +75,6 @@ def children_of(pid: int) -> list[int]:
     return []
 
 
-def thread_seconds(pid: int) -> dict[tuple[int, int], float]:
-    """Processor seconds of every thread of a process and of the processes it started, by (process, thread)."""
-    found = {}
-    for folder in Path(f"/proc/{pid}/task").iterdir():
-        with contextlib.suppress(OSError):
-            found[pid, int(folder.name)] = int((folder / "schedstat").read_text().split()[0]) / 1e9
-    for child in children_of(pid):
-        with contextlib.suppress(OSError):
-            found |= thread_seconds(child)
-    return found
-
-
 def running(pid: int) -> bool:
     with contextlib.suppress(OSError):
         return Path(f"/proc/{pid}/stat").read_text().split(") ")[1][0] != "Z"

@@ -16,36 +16,22 @@ JSON object on stdout. `--gaps` plays nothing: it drops frames of `posefuse trac
 values of `live_gap_s`.
 """
 
-import tempfile
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-from harness import DEMO, answer, arguments, live, sources_of, tracked, truth_of
+from harness import DEMO, answer, arguments, live_recording, tracked, truth_of
 
 from posefuse.core import Observations, PoseSequence, Recording, Truth
 from posefuse.core.observations import LIVE_STEP, observations_from_frames
 from posefuse.evaluation.metrics import joint_errors
 from posefuse.pipeline.config import TrackConfig
-from posefuse.pipeline.reading import read_result
 from posefuse.pipeline.solve import config_of, solve_again
 
 _SETTLED_NS = 1_500_000_000
 # two frames of a camera are the same if their times differ by no more
 _SAME_NS = 2_000_000
 _KEPT_SHARES, _GAPS_S = (0.75, 0.5, 0.3), (0.0, 0.07, 0.105, 0.14, 0.2, 0.3)
-
-
-def played(session: Path, seconds: float) -> tuple[Recording, dict]:
-    """The session played live and recorded, with the file's own times; and its figures."""
-    with tempfile.TemporaryDirectory() as scratch:
-        recording, options = Path(scratch) / f"{session.name}.mcap", ("--networks", "blazepose_full", "--duration", seconds + 1)
-        figures = live(session / "rig.toml", sources_of(session), "--record", recording, *options)
-        found = read_result(recording)
-    later_ns = found.provenance["start_ns"] - figures["zero_ns"]
-    poses = replace(found.poses, t_ns=found.poses.t_ns + later_ns)
-    log = replace(found.observations, frame_t_ns=found.observations.frame_t_ns + later_ns)
-    return replace(found, poses=poses, observations=log), figures
 
 
 def last_looks(recording: Recording, wanted: np.ndarray) -> Recording:
@@ -80,15 +66,14 @@ def used_by(live: Observations, log: Observations) -> np.ndarray:
 def error(poses: PoseSequence, truth: Truth, seconds: float) -> dict:
     """mm over all joints, and how often they were found."""
     inside = (poses.t_ns >= _SETTLED_NS) & (poses.t_ns <= min(truth.t_ns[-1], seconds * 1e9))
-    part = {name: getattr(poses, name)[inside] for name in ("t_ns", "xyz_world", "cov_world", "reproj_px", "n_views", "kind")}
-    found = joint_errors(replace(poses, **part), truth)
+    found = joint_errors(poses.part(inside), truth)
     return {"mm": found.mpjpe_mm, "p95_mm": float(np.nanmean(found.p95_mm)), "found": float(np.mean(found.found))}
 
 
 def compared(session: Path, seconds: float) -> dict:
     """One row of the table."""
     truth, track = truth_of(session), tracked(session, end_s=seconds)
-    recording, figures = played(session, seconds)
+    recording, figures = live_recording(session, "--networks", "blazepose_full", "--duration", seconds + 1)
     last = is_last_look(track.observations)
     used = used_by(recording.observations, track.observations) & last
     poses = {

@@ -1,7 +1,7 @@
 """A live session for a long time: does memory stay flat, and is all of it there after Ctrl-C?
 
     nice -n 5 python bench/live_soak.py [--minutes 60] [--cameras 4] [--groups 2] [--networks NAME]
-        [--session examples/demo] [--trace FILE.csv]
+        [--session examples/demo]
 
 A simulated session is played at the pace of the clock, again and again, and recorded; then Ctrl-C. Every few seconds the memory,
 threads, open files and children of every process are read. Growth is the slope of a straight line through what was read
@@ -11,11 +11,10 @@ tracker, and by how much outputs were late. Tables on stderr, one JSON object on
 
 import argparse
 import contextlib
-import csv
 import itertools
 import tempfile
 import time
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -77,11 +76,6 @@ def watch(program: Program, samples: list[Sample], args: argparse.Namespace) -> 
         for each in (pid, *children_of(pid)):
             with contextlib.suppress(OSError, KeyError):  # it has ended, or is about to
                 samples.append(sample_of(each, t_s))
-        if args.trace:
-            with args.trace.open("w", newline="") as file:
-                rows = csv.DictWriter(file, asdict(samples[0]))
-                rows.writeheader()
-                rows.writerows(map(asdict, samples))
         time.sleep(min(args.every, max(0.0, begun_s + 60 * args.minutes - time.monotonic())))
 
 
@@ -120,7 +114,7 @@ def over_time(recording: Path) -> list[dict]:
 
 
 def main() -> None:
-    args = arguments(__doc__, minutes=60.0, every=5.0, cameras=4, groups=0, networks="blazepose_full", trace=Path, session=DEMO)
+    args = arguments(__doc__, minutes=60.0, every=5.0, cameras=4, groups=0, networks="blazepose_full", session=DEMO)
     with tempfile.TemporaryDirectory() as scratch:
         recording = Path(scratch) / "soak.mcap"
         samples, roles, figures, ended = soak(args, recording)

@@ -1,38 +1,28 @@
 """Mutation testing: which small changes of the code does no test detect?
 
-Run: python bench/mutation.py [--count 30] [--seed 1] [--only association] [--minutes 4] [--page docs/mutation.md]
+Run: python bench/mutation.py [--count 30] [--seed 1] [--only association] [--page docs/mutation.md]
 
 A mutant is one changed operator, number or condition (cosmic-ray makes them). `--count` mutants of every package are drawn at
 random and tested in a copy of the repository by the quick tests of that package; the first failing test kills a mutant. What
 survives is either a missing test or a change without effect: read them.
 
-It can run in parts: after `--minutes` it stops, and the next call continues there. Answers are kept in `--work`
-until the code or the tests change; `--survivors` tests those again that survived before the tests changed. JSON goes to stdout.
+Answers are kept in `--work` until the code changes, those of survivors until the tests change: a run that was stopped continues.
+JSON goes to stdout.
 """
 
 from __future__ import annotations
 
-import argparse
 import hashlib
 import json
-import sys
-import time
 from collections import Counter
 from pathlib import Path
 from typing import Any
 
+from harness import arguments, note
 from mutants import REPOSITORY, Copy, Mutant, draw
 
 # what decides whether and how fast a robot moves
-_GUARDS = (
-    "gate",
-    "limits",
-    "follower",
-    "separation",
-    "mapping",
-    "kinematics",
-    "joints",
-)
+_GUARDS = ("gate", "limits", "follower", "separation", "mapping", "kinematics", "joints")
 _RECORDED = ("following", "opening", "result_folder", "second_pass", "solve", "time_steps", "track")
 # name: files, and the tests that are about them
 PACKAGES = {
@@ -84,58 +74,37 @@ class Answers:
         self._path = path
         self._known: dict[str, dict[str, Any]] = json.loads(path.read_text(encoding="utf-8")) if path.is_file() else {}
 
-    def of(self, mutant: Mutant, tests: str, survivors: bool) -> str | None:
-        """The answer; one of older tests counts if they killed the mutant, and with `survivors` also if not."""
+    def of(self, mutant: Mutant, tests: str) -> str | None:
+        """The answer; one of older tests counts if they killed the mutant."""
         found = self._known.get(mutant.key(""))
-        if found is None or (found["tests"] != tests and found["answer"] == "survived" and survivors):
-            return None
-        return str(found["answer"])
-
-    def baseline_s(self, package: str, code: str) -> float | None:
-        """Seconds that the tests of a package took without a mutant, if neither they nor the code have changed."""
-        found = self._known.get(package, {})
-        return float(found["seconds"]) if found.get("code") == code else None
-
-    def keep_baseline(self, package: str, code: str, seconds: float) -> None:
-        """Keep the seconds."""
-        self._known[package] = {"code": code, "seconds": seconds}
-        self._write()
+        return str(found["answer"]) if found and (found["tests"] == tests or found["answer"] != "survived") else None
 
     def keep(self, mutant: Mutant, tests: str, answer: str) -> None:
         """Keep an answer."""
         self._known[mutant.key("")] = {"answer": answer, "tests": tests, **vars(mutant)}
-        self._write()
-
-    def _write(self) -> None:
         part = self._path.with_suffix(".part")
         part.write_text(json.dumps(self._known, indent=1), encoding="utf-8")
         part.replace(self._path)
 
 
-def test_mutants(package: str, mutants: list[Mutant], answers: Answers, work: Path, until_s: float, survivors: bool) -> None:
-    """Test every mutant that has no answer so far, until the time is over."""
+def test_mutants(package: str, mutants: list[Mutant], answers: Answers, work: Path) -> None:
+    """Test every mutant that has no answer so far."""
     tests = PACKAGES[package][1]
     digest = digest_of(tests)
-    left = [mutant for mutant in mutants if answers.of(mutant, digest, survivors) is None]
-    if not left or time.monotonic() > until_s:
+    left = [mutant for mutant in mutants if answers.of(mutant, digest) is None]
+    if not left:
         return
     copy = Copy(work / "copy")
-    code = digest_of((*tests, "src", "packages"))
-    if (baseline_s := answers.baseline_s(package, code)) is None:
-        baseline_s = copy.baseline_s(tests)
-        answers.keep_baseline(package, code, baseline_s)
-    limit_s = _LONGER * baseline_s + _COMPILING_S
+    limit_s = _LONGER * copy.baseline_s(tests) + _COMPILING_S
     for mutant in left:
-        if time.monotonic() > until_s:
-            return
         answer = copy.answer(mutant, tests, limit_s)
         answers.keep(mutant, digest, answer)
-        print(f"  {answer:9}{mutant.path}:{mutant.line} {mutant.diff()}", file=sys.stderr, flush=True)
+        note(f"  {answer:9}{mutant.path}:{mutant.line} {mutant.diff()}")
 
 
 def results_of(mutants: list[Mutant], answers: Answers, digest: str) -> dict[str, Any]:
     """Counts and survivors of a package."""
-    known = {mutant: answers.of(mutant, digest, survivors=False) for mutant in mutants}
+    known = {mutant: answers.of(mutant, digest) for mutant in mutants}
     count = Counter(known.values())
     tested = len(mutants) - count[None]
     return {
@@ -160,8 +129,7 @@ def page(results: dict[str, dict[str, Any]], seed: int) -> str:
         "|---|---|---|---|---|",
         *(f"| {name} | {one['drawn']} | {one['tested']} | {one['killed']} | {_score(one)} |" for name, one in results.items()),
         "",
-        "A survivor is a missing test, or a change without effect (for example a tolerance that is a little larger). Mutants "
-        "that are drawn and not tested were left when the time was over; the same command continues with them.",
+        "A survivor is a missing test, or a change without effect (for example a tolerance that is a little larger).",
         "",
     ]
     for name, one in results.items():
@@ -176,30 +144,20 @@ def _score(result: dict[str, Any]) -> str:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--count", type=int, default=30, help="mutants of every package")
-    parser.add_argument("--seed", type=int, default=1)
-    parser.add_argument("--only", nargs="*", choices=sorted(PACKAGES), default=list(PACKAGES))
-    parser.add_argument("--minutes", type=float, default=float("inf"), help="stop after so long; the next call continues")
-    parser.add_argument("--survivors", action="store_true", help="ask survivors of older tests again")
-    parser.add_argument("--work", type=Path, default=Path("out/mutation"), help="copy of the repository, and answers so far")
-    parser.add_argument("--page", type=Path)
-    arguments = parser.parse_args()
-
-    until_s = time.monotonic() + 60 * arguments.minutes
-    arguments.work.mkdir(parents=True, exist_ok=True)
-    answers = Answers(arguments.work / "answers.json")
+    args = arguments(__doc__, count=30, seed=1, only=PACKAGES, work=Path("out/mutation"), page=Path)
+    args.work.mkdir(parents=True, exist_ok=True)
+    answers = Answers(args.work / "answers.json")
     results: dict[str, dict[str, Any]] = {}
     for package in PACKAGES:
-        mutants = draw(PACKAGES[package][0], arguments.count, arguments.seed)
-        if package in arguments.only:
-            test_mutants(package, mutants, answers, arguments.work, until_s, arguments.survivors)
+        mutants = draw(PACKAGES[package][0], args.count, args.seed)
+        if package in args.only:
+            test_mutants(package, mutants, answers, args.work)
         results[package] = results_of(mutants, answers, digest_of(PACKAGES[package][1]))
         one = results[package]
-        print(f"{package}: {one['killed']} of {one['tested']} killed, {one['drawn']} drawn", file=sys.stderr, flush=True)
+        note(f"{package}: {one['killed']} of {one['tested']} killed, {one['drawn']} drawn")
     print(json.dumps(results, indent=2))
-    if arguments.page:
-        arguments.page.write_text(page(results, arguments.seed), encoding="utf-8")
+    if args.page:
+        args.page.write_text(page(results, args.seed), encoding="utf-8")
 
 
 if __name__ == "__main__":

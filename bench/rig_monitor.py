@@ -3,11 +3,11 @@
     python bench/rig_monitor.py [--fit] [--trials 6] [--data ../shared/data] [--cache out/rig_monitor]
     python bench/rig_monitor.py --track [--seeds 100 ...] [--seconds 2 10 60] [--goods 100] [--write docs/reliability.md]
 
-Rendered walks and people who stand are looked at ten times a second by the network (kept in the cache; scenes are rendered
-where `python -m paper` has not left them). Then, after some seconds, a camera is turned or moved, its clock is late, or two
-cables are exchanged: every keypoint is displaced by what that does to its point in space, and keeps the network's error. `--fit`
-does it for other bodies in other rooms, from which the constants are; it also prints the most that nothing wrong explains.
-Seconds are of the data. Table on stderr, one JSON object on stdout.
+Rendered walks and people who stand are looked at ten times a second by the network; scenes are kept in the cache. Then, after
+some seconds, a camera is turned or moved, its clock is late, or two cables are exchanged: every keypoint is displaced by what
+that does to its point in space, and keeps the network's error. `--fit` does it for other bodies in other rooms, from which the
+constants are; it also prints the most that nothing wrong explains. Seconds are of the data. Table on stderr, one JSON object on
+stdout.
 
 `--track` asks what `track` answers to a rig that is wrong from the beginning: real footage (two detectors, two rooms) and the
 demo clip are solved with rigs of which a camera is turned, two are swapped, one is late, or all stand elsewhere; and with the
@@ -15,36 +15,43 @@ right rig: sections of the clips, three or four of the cameras. Limits are from 
 """
 
 import argparse
-import pickle
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
 from itertools import combinations, product
 from pathlib import Path
 
 import numpy as np
-from harness import DATA, FITTED_BODIES, Use, answer, arguments, note, rendered, scene_from, text, tracked, truth_of
+from harness import (
+    DATA,
+    DEMO,
+    FITTED_BODIES,
+    Use,
+    answer,
+    arguments,
+    note,
+    rendered,
+    retimed,
+    scene_from,
+    text,
+    tracked,
+    truth_of,
+)
 from scenes import walk as random_walk
 from scipy.interpolate import CubicSpline
 
 from paper.scenes.scenes import half_hidden_scene, ring, scene_name, static_scene, walking_scene
 from posefuse.calibration.keypoints import limb_keypoints
-from posefuse.core import SE3, Camera, InputError, Observations, Recording, Rig, Skeleton, Truth, Views
+from posefuse.core import SE3, Camera, InputError, Observations, Recording, Rig, Skeleton, Views
 from posefuse.core.skeleton import PAPER14, pick_keypoints
 from posefuse.evaluation.metrics import true_xyz_at
 from posefuse.fusion import FuseSettings, fuse
 from posefuse.health import rig_monitor as monitor
 from posefuse.health.recorded import UNFIT, checked_rig
 from posefuse.health.rig_monitor import RigFinding
-from posefuse.pipeline.clock import StageClock
-from posefuse.pipeline.config import TrackConfig
-from posefuse.pipeline.opening import open_session
-from posefuse.pipeline.session import find_session
 from posefuse.pipeline.solve import solve
-from posefuse.pipeline.track import detect, provenance_of
 from posefuse_sim.cameras import looking_at
 from posefuse_sim.scene import Scene
 
-SESSIONS, DEMO = Path("out/paper/sessions"), Path("examples/demo")
 RATE_HZ = 10.0
 FAULT_AT_S, WATCHED_S, SAID_S, QUIET_S = 6.0, 16.0, 4.0, 60.0
 LEAST_SCORE = 0.5
@@ -140,23 +147,17 @@ def made(seed: int, seconds: float, cameras: int, radius_m: float, fov_deg: floa
 
 
 def clip_of_scene(name: str, scene: Scene, cache: Path) -> Clip:
-    folder = scene_name(name.split(",")[0].replace(" ", "-"), scene)
-    kinds = (f"walking-{scene.seed}", f"static-occluded-{scene.seed}", "occlusion-screen", "occlusion-false_arm")
-    kept = [SESSIONS / scene_name(kind, scene) for kind in kinds]
-    session = next((path for path in kept if path.is_dir()), cache / "sessions" / folder)
+    session = cache / "sessions" / scene_name(name.split(",")[0].replace(" ", "-"), scene)
     return clip_of_session(name, rendered(scene, session, Use.FIT if scene.seed in FITTED_BODIES else Use.REPORT))
 
 
 def clip_of_session(name: str, session: Path) -> Clip:
     """2D poses as the pipeline for recordings has them."""
-    truth = truth_of(session) if (session / "truth").is_dir() else None
-    return clip_of(name, tracked(session, rate_hz=RATE_HZ, joint_centres=False), truth)
-
-
-def clip_of(name: str, recording: Recording, truth: Truth | None) -> Clip:
+    recording = tracked(session, rate_hz=RATE_HZ, joint_centres=False)
     poses, true14 = recording.poses, None
     xy = np.where((recording.views.score[:, 0] >= LEAST_SCORE)[..., None], recording.views.xy_img[:, 0], np.nan)
-    if truth is not None:
+    if (session / "truth").is_dir():
+        truth = truth_of(session)
         true14 = pick_keypoints(true_xyz_at(truth, poses.t_ns)[:, 0], truth.skeleton, PAPER14.keypoints)
     views = (xy, recording.views.score[:, 0], recording.views.sigma_px[:, 0])
     return Clip(name, recording.rig, (poses.t_ns - poses.t_ns[0]) / 1e9, *views, poses.xyz_world[:, 0], poses.skeleton, true14)
@@ -314,8 +315,8 @@ WRONG = (
 LASTS_S = (2.0, 10.0, 60.0)
 
 
-def logs(data: Path, cache: Path) -> dict[str, tuple[Observations, Rig, dict]]:
-    """What a detector saw in each clip, its rig, and how it is solved."""
+def recordings(data: Path, cache: Path) -> dict[str, Recording]:
+    """Each clip as a detector sees it, with its right rig."""
     single, two, webcams = data / "pose2sim_single", data / "pose2sim_two", data / "caliscope" / "post_optimization"
     sessions = {
         "balance, OpenPose": {"pose": single / "openpose_json", "Calib.toml": single / "calibration" / "Calib_qualisys.toml"},
@@ -332,18 +333,12 @@ def logs(data: Path, cache: Path) -> dict[str, tuple[Observations, Rig, dict]]:
         if not all(path.exists() for path in parts.values()):
             note(f"{name}: not there, left out")
             continue
-        kept, folder = cache / f"{name}.pickle", cache / "track" / name
-        if not kept.is_file():
-            for place, path in parts.items():
-                (folder / place).parent.mkdir(parents=True, exist_ok=True)
-                (folder / place).unlink(missing_ok=True)
-                (folder / place).symlink_to(path.resolve())
-            config = TrackConfig(outputs=(), body="off", rate_hz=60.0 if "OpenPose" in name else None)
-            opened = open_session(find_session(folder, config), config)
-            log, _ = detect(opened, StageClock())
-            opened.close()
-            kept.write_bytes(pickle.dumps((log, opened.rig, provenance_of(opened, ()))))
-        found[name] = pickle.loads(kept.read_bytes())
+        folder = cache / "track" / name
+        for place, path in parts.items():
+            (folder / place).parent.mkdir(parents=True, exist_ok=True)
+            (folder / place).unlink(missing_ok=True)
+            (folder / place).symlink_to(path.resolve())
+        found[name] = tracked(folder, body="off", rate_hz=60.0 if "OpenPose" in name else None)
     return found
 
 
@@ -366,21 +361,7 @@ def played(log: Observations, seconds: float, late: tuple[int, int] = (0, 0)) ->
             rows = rows_of[both[from_step % len(both)]] if from_step >= 0 else np.zeros(0, int)
             chosen.append(rows[log.frame_camera[rows] == c])
             at.append(np.full(len(chosen[-1]), place))
-    frame, place = np.concatenate(chosen), np.concatenate(at)
-    t_ns = period_ns * steps
-    detections = np.concatenate([np.arange(log.frame_begin[f], log.frame_begin[f + 1]) for f in frame])
-    return Observations(
-        skeleton=log.skeleton,
-        camera_names=log.camera_names,
-        step_t_ns=t_ns,
-        frame_camera=log.frame_camera[frame],
-        frame_t_ns=t_ns[place] + (log.frame_t_ns - log.step_t_ns[log.frame_step])[frame],
-        frame_step=place,
-        frame_look=log.frame_look[frame],
-        n_detections=log.n_detections[frame],
-        person_id=log.person_id[detections],
-        **log.rows(detections),
-    )
+    return retimed(log, np.concatenate(chosen), np.concatenate(at), period_ns * steps)
 
 
 def wrong_rig(rig: Rig, wrong: str, rng: np.random.Generator) -> tuple[Rig, tuple[str, ...]]:
@@ -405,26 +386,26 @@ def wrong_rig(rig: Rig, wrong: str, rng: np.random.Generator) -> tuple[Rig, tupl
     return rig, (rig.names[a],)
 
 
-def answered(log: Observations, rig: Rig, provenance: dict) -> list[RigFinding] | None:
-    """The answer of `track` to the rig; None: it refuses to solve."""
+def answered(clip: Recording, log: Observations, rig: Rig) -> list[RigFinding] | None:
+    """The answer of `track` to a rig and what was observed, with the settings of the clip; None: it refuses to solve."""
     try:
-        return checked_rig(solve(log, rig, provenance), rig)[1]
+        return checked_rig(solve(log, rig, clip.provenance), rig)[1]
     except InputError:
         return None
 
 
-def tracked_wrong(logs: dict, seeds: list[int], lasts_s: list[float]) -> list[dict]:
+def tracked_wrong(clips: dict[str, Recording], seeds: list[int], lasts_s: list[float]) -> list[dict]:
     """For each fault and length: named, another answer, nothing."""
     rows = []
     for wrong, seconds in product(WRONG, lasts_s):
         row = {"fault": wrong, "seconds": f"up to {seconds:g}", **dict.fromkeys(("sessions", "named", "others", "nothing"), 0)}
         row["nothing in"] = []
         kind = {"tur": monitor.MOVED, "two": monitor.SWAPPED, "ano": UNFIT}.get(wrong[:3], monitor.UNSYNCHRONISED)
-        for seed, (number, name) in product(seeds, enumerate(logs)):
-            log, rig, provenance = logs[name]
-            there, cameras = wrong_rig(rig, wrong, np.random.default_rng([seed, number, WRONG.index(wrong), round(seconds)]))
-            late = (rig.names.index(cameras[0]), int(wrong.split()[0])) if "late" in wrong else (0, 0)
-            found = answered(played(log, seconds, late), there, provenance)
+        for seed, (number, name) in product(seeds, enumerate(clips)):
+            clip = clips[name]
+            there, cameras = wrong_rig(clip.rig, wrong, np.random.default_rng([seed, number, WRONG.index(wrong), round(seconds)]))
+            late = (clip.rig.names.index(cameras[0]), int(wrong.split()[0])) if "late" in wrong else (0, 0)
+            found = answered(clip, played(clip.observations, seconds, late), there)
             right = found is None if kind == UNFIT else False
             right |= any(one.kind == kind and set(one.cameras) & set(cameras) for one in found or [])
             right &= all(set(one.cameras) <= set(cameras) for one in found or [])
@@ -437,12 +418,12 @@ def tracked_wrong(logs: dict, seeds: list[int], lasts_s: list[float]) -> list[di
     return rows
 
 
-def tracked_right(logs: dict, sessions: int, seed: int) -> dict:
+def tracked_right(clips: dict[str, Recording], sessions: int, seed: int) -> dict:
     """False alarms: sections of the clips, three or four of the cameras, for 2 s or played to and fro for 10 s."""
     alarms, rng = [], np.random.default_rng(seed)
     for number in range(sessions):
-        name = list(logs)[number % len(logs)]
-        log, rig, provenance = logs[name]
+        name = list(clips)[number % len(clips)]
+        log, rig = clips[name].observations, clips[name].rig
         count, cameras = len(log.step_t_ns), np.sort(rng.permutation(len(rig))[: rng.integers(3, 5)])
         begin, lasts = rng.uniform(0, 0.5), rng.uniform(0.5, 1.0)
         first, last = int(begin * lasts * count), int((begin * lasts + lasts) * count)
@@ -454,15 +435,14 @@ def tracked_right(logs: dict, sessions: int, seed: int) -> dict:
             step_t_ns=log.step_t_ns[first:last],
             frame_step=part.frame_step - first,
         )
-        found = answered(played(part, 10.0 if number % 3 == 0 else 2.0), rig.only(part.camera_names), provenance)
+        found = answered(clips[name], played(part, 10.0 if number % 3 == 0 else 2.0), rig.only(part.camera_names))
         if found:
             alarms.append(f"{name}, steps {first} to {last}, {part.camera_names}: {text([one.detail for one in found])}")
     return {"sessions": sessions, "alarms": alarms}
 
 
 def track_main(args: argparse.Namespace) -> None:
-    args.cache.mkdir(parents=True, exist_ok=True)
-    clips = logs(args.data, args.cache)
+    clips = recordings(args.data, args.cache)
     good, rows = tracked_right(clips, args.goods, args.seeds[0]), tracked_wrong(clips, args.seeds, args.seconds)
     about = f"Seeds {text(args.seeds)}; {text(list(clips))}"
     right = {"right rigs": good["sessions"], "alarms": len(good["alarms"]), "which": good["alarms"]}

@@ -1,7 +1,6 @@
 """Scenes of several benches: camera rings, people who move, and views with the default network's noise as they arrive live.
 
-A `Place` gives the ANATOMICAL23 keypoints (T, 23, 3) of one person at times (T,) in seconds. `swinging`, `crouching` and
-`jumping` take a person and give the same person doing something else; segments keep their lengths.
+A `Place` gives the ANATOMICAL23 keypoints (T, 23, 3) of one person at times (T,) in seconds.
 """
 
 from __future__ import annotations
@@ -24,13 +23,10 @@ from posefuse_sim.cameras import ImageSettings, RingCameras, placed_cameras, rig
 Place = Callable[[np.ndarray], np.ndarray]
 Arrivals = list[tuple[int, Detections2D]]
 RATE_HZ, OUTPUT_HZ, WARM_UP_S = 30.0, 100.0, 1.0
-LATENCY_S, LOST = (0.025, 0.125), 0.05
+LOST = 0.05
 # of the default network on the demo clip, in px of 640 x 480: standard deviation, and how its variance divides
 SIGMA_PX, CONSTANT, SLOW, SLOW_S = 2.4, 0.15, 0.6, 0.25
 OUTLIERS, OUTLIER_PX, SWAPS = 0.01, 60.0, 0.01
-_FEET = ("ankle", "heel", "big_toe", "small_toe")
-# knees are never quite straight: from there they would have to bend infinitely fast
-_BENT_M = 0.03
 
 
 def ring(
@@ -83,25 +79,22 @@ def noise(rng: np.random.Generator, t_s: np.ndarray, keypoints: int) -> np.ndarr
     return np.sqrt(CONSTANT) * constant + np.sqrt(SLOW) * slow + np.sqrt(1 - CONSTANT - SLOW) * white
 
 
-def arriving(
-    rig: Rig, place: Place, seconds: float, seed: int, sigma_px: float = SIGMA_PX, latency_s: tuple[float, float] = LATENCY_S
-) -> Arrivals:
+def arriving(rig: Rig, place: Place, seconds: float, seed: int, latency_s: tuple[float, float]) -> Arrivals:
     """Every view of every camera of 30 frames/s with random phases, in the order of arrival."""
     found = []
-    confused = sigma_px == SIGMA_PX
     for c, camera in enumerate(rig):
         rng = np.random.default_rng([seed, c])
         t_s = rng.uniform(0, 1 / RATE_HZ) + np.arange(int(seconds * RATE_HZ) - 1) / RATE_HZ
         t_s = t_s[rng.random(len(t_s)) >= LOST]
         exact = camera.project(place(t_s))
-        xy = exact + sigma_px * noise(rng, t_s, exact.shape[1])
-        wild = rng.random(xy.shape[:2]) < OUTLIERS * confused
+        xy = exact + SIGMA_PX * noise(rng, t_s, exact.shape[1])
+        wild = rng.random(xy.shape[:2]) < OUTLIERS
         xy[wild] = exact[wild] + rng.uniform(-OUTLIER_PX, OUTLIER_PX, (wild.sum(), 2))
-        swapped = rng.random(len(t_s)) < SWAPS * confused
+        swapped = rng.random(len(t_s)) < SWAPS
         xy[swapped] = xy[swapped][:, ANATOMICAL23.mirror]
         late_s = rng.uniform(*latency_s, len(t_s))
         for i, t in enumerate(t_s):
-            found.append((round((t + late_s[i]) * 1e9), view_of(camera.name, round(t * 1e9), ANATOMICAL23, xy[i], sigma_px)))
+            found.append((round((t + late_s[i]) * 1e9), view_of(camera.name, round(t * 1e9), ANATOMICAL23, xy[i])))
     return sorted(found, key=lambda one: one[0])
 
 
@@ -117,87 +110,13 @@ def view_of(
     return Detections2D(camera=camera, t_ns=t_ns, skeleton=skeleton, xy_img=xy[None], box_img=box[None], **parts)
 
 
-def new_tracker(rig: Rig, skeleton: Skeleton, settings: LiveSettings | None = None, people: int = 1) -> Tracker:
+def new_tracker(rig: Rig, skeleton: Skeleton, people: int = 1) -> Tracker:
     """With association and fusion of one time step as the live pipeline has them."""
     associating = AssociateSettings(max_people=people)
     solve, fuse = build_solve(rig, associating, FuseSettings()), build_fuse(rig, FuseSettings())
-    return build_tracker(rig, skeleton, settings or LiveSettings(max_people=people), solve, fuse)
+    return build_tracker(rig, skeleton, LiveSettings(max_people=people), solve, fuse)
 
 
 def output_ticks(seconds: float) -> list[int]:
     """Times in ns of an output of 100 Hz."""
     return [round(tick / OUTPUT_HZ * 1e9) for tick in range(int(seconds * OUTPUT_HZ))]
-
-
-def swinging(place: Place, degrees: float = 60.0, rate_hz: float = 0.9) -> Place:
-    """The same person, both arms swinging to and fro by so many degrees each way."""
-    arms = [[ANATOMICAL23.index(f"{side}_{part}") for part in ("shoulder", "elbow", "wrist")] for side in ("left", "right")]
-
-    def swung(t_s: np.ndarray) -> np.ndarray:
-        xyz = place(t_s)
-        across = xyz[:, arms[0][0]] - xyz[:, arms[1][0]]
-        axis = across / np.linalg.norm(across, axis=-1, keepdims=True)
-        for sign, (shoulder, *rest) in zip((1, -1), arms, strict=True):
-            angle = sign * np.deg2rad(degrees) * np.sin(2 * np.pi * rate_hz * t_s)
-            xyz[:, rest] = xyz[:, [shoulder]] + turned(xyz[:, rest] - xyz[:, [shoulder]], axis[:, None], angle[:, None, None])
-        return xyz
-
-    return swung
-
-
-def turned(vector: np.ndarray, axis: np.ndarray, angle: np.ndarray) -> np.ndarray:
-    """Rodrigues' rotation of vectors (..., 3) about unit axes."""
-    along = (vector * axis).sum(axis=-1, keepdims=True) * axis
-    across = np.cross(np.broadcast_to(axis, vector.shape), vector)
-    return vector * np.cos(angle) + across * np.sin(angle) + along * (1 - np.cos(angle))
-
-
-def crouching(place: Place, depth_m: Callable[[np.ndarray], np.ndarray]) -> Place:
-    """The same person, hips and all above them lower by `depth_m` (T,) at times (T,), knees bent over feet that stay."""
-    legs = [f"{side}_{part}" for side in ("left", "right") for part in ("knee", *_FEET)]
-    upper = [k for k, name in enumerate(ANATOMICAL23.keypoints) if name not in legs]
-
-    def crouched(t_s: np.ndarray) -> np.ndarray:
-        xyz = place(t_s)
-        standing = xyz.copy()
-        xyz[:, upper, 2] -= (_BENT_M + depth_m(t_s))[:, None]
-        for side in ("left", "right"):
-            hip, knee, ankle, heel, toe = (ANATOMICAL23.index(f"{side}_{p}") for p in ("hip", "knee", "ankle", "heel", "big_toe"))
-            thigh_m, shank_m = (np.linalg.norm(standing[:, knee] - standing[:, end], axis=-1) for end in (hip, ankle))
-            xyz[:, knee] = bent(xyz[:, hip], xyz[:, ankle], thigh_m, shank_m, standing[:, toe] - standing[:, heel])
-        return xyz
-
-    return crouched
-
-
-def bent(hip: np.ndarray, ankle: np.ndarray, thigh_m: np.ndarray, shank_m: np.ndarray, ahead: np.ndarray) -> np.ndarray:
-    """Where the knee (T, 3) is between hip and ankle: thigh and shank (T,) as long as they are, bent towards `ahead` (T, 3)."""
-    line = ankle - hip
-    far = np.linalg.norm(line, axis=-1)
-    line = line / far[:, None]
-    along = (thigh_m**2 - shank_m**2 + far**2) / (2 * far)
-    aside = np.sqrt(np.maximum(thigh_m**2 - along**2, 0.0))
-    ahead = ahead - (ahead * line).sum(axis=-1, keepdims=True) * line
-    ahead = ahead / np.linalg.norm(ahead, axis=-1, keepdims=True)
-    return hip + along[:, None] * line + aside[:, None] * ahead
-
-
-def jumping(place: Place, flight_s: float = 0.5, ground_s: float = 0.6) -> Place:
-    """The same person, jumping: flights of gravity alone, and between them knees that give way."""
-    gravity = 9.81
-    leap = gravity * flight_s / 2
-
-    def depth_m(t_s: np.ndarray) -> np.ndarray:
-        u = np.maximum(np.mod(t_s, flight_s + ground_s) - flight_s, 0.0)
-        return leap * u - leap / ground_s * u**2
-
-    crouched = crouching(place, depth_m)
-
-    def jumped(t_s: np.ndarray) -> np.ndarray:
-        flight = np.mod(t_s, flight_s + ground_s)
-        up = np.where(flight < flight_s, leap * flight - gravity * flight**2 / 2, 0.0)
-        xyz = crouched(t_s)
-        xyz[..., 2] += up[:, None]
-        return xyz
-
-    return jumped

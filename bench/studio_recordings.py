@@ -2,28 +2,26 @@
 
     python bench/studio_recordings.py [--minutes 10] [--seeks 40] [--browser /usr/bin/chromium]
 
-The videos are those of `examples/demo`, repeated without encoding them again; the poses are its truth, repeated. Needs the extra
-``studio``; with --browser also playwright and that browser.
+The videos are those of `examples/demo`, repeated without encoding them again; so is its result, every second time backwards.
+Needs the extra ``studio``; with --browser also playwright and that browser.
 """
 
 from __future__ import annotations
 
-import dataclasses
+import json
 import tempfile
 import time
+from dataclasses import replace
 from pathlib import Path
 
 import av
 import numpy as np
-from harness import DEMO, answer, arguments, truth_of
+from harness import DEMO, answer, arguments, tracked
+from length import there_and_back
 from studio_server import free_port, in_chromium, server
 
 from posefuse.api.playback import Playback
-from posefuse.api.recording import recording_of
-from posefuse.core import Camera, DetectionBatch, Detections2D, Kind, LookKind, Observations, Pose3D, PoseSequence, Recording
-from posefuse.core.values import keypoint_boxes
-from posefuse.foundation.parsing import plain
-from posefuse.pipeline.config import TrackConfig
+from posefuse.api.recording import read, recording_of
 from posefuse.pipeline.writing import session_of_recording
 
 TILE_PX = 480
@@ -41,15 +39,17 @@ def main() -> None:
 
 def long_recording(place: Path, minutes: float) -> tuple[Path, Path]:
     """(session, result) of so many minutes."""
-    truth = truth_of(DEMO)
-    period_ns = int(np.median(np.diff(truth.t_ns)))
-    times = round(minutes * 60e9 / (len(truth.t_ns) * period_ns))
+    recording = tracked(DEMO)
+    period_ns = int(np.median(np.diff(recording.poses.t_ns)))
+    length_ns = int(recording.poses.t_ns[-1]) + period_ns
     session, result = place / "long", place / "result"
     (session / "videos").mkdir(parents=True)
     (session / "rig.toml").write_bytes((DEMO / "rig.toml").read_bytes())
     for video in sorted((DEMO / "videos").glob("*.mp4")):
-        repeat(video, session / "videos" / video.name, times, len(truth.t_ns) * period_ns)
-    recording_of(repeated(truth, times, period_ns)).save(result)
+        repeat(video, session / "videos" / video.name, round(minutes * 60e9 / length_ns), length_ns)
+    made = {"session": "long", "inputs": {name: f"{name}.mp4" for name in recording.rig.names}}
+    long = there_and_back(recording, minutes)
+    recording_of(replace(long, provenance={**long.provenance, **made})).save(result)
     return session, result
 
 
@@ -69,55 +69,8 @@ def repeat(video: Path, out: Path, times: int, length_ns: int) -> None:
                         container.mux(packet)
 
 
-def repeated(truth, times: int, period_ns: int) -> Recording:
-    """The truth as a result."""
-    xyz = np.tile(truth.xyz_world, (times, 1, 1, 1))
-    known = np.isfinite(xyz[..., 0])
-    poses = PoseSequence(
-        t_ns=np.arange(len(xyz)) * period_ns,
-        skeleton=truth.skeleton,
-        person_id=truth.person_id,
-        xyz_world=xyz,
-        cov_world=np.where(known[..., None, None], 1e-4 * np.eye(3), np.nan),
-        reproj_px=np.where(known, 1.0, np.nan),
-        n_views=np.where(known, len(truth.rig), 0),
-        kind=np.where(known, Kind.FUSED, Kind.MISSING),
-    )
-    batches = [
-        DetectionBatch(
-            step=i, t_ns=pose.t_ns, kind=LookKind.EXPECTED, detections=tuple(_seen(camera, pose) for camera in truth.rig)
-        )
-        for i, pose in enumerate(map(poses.at, range(len(poses))))
-    ]
-    ids = [[poses.person_id] * len(truth.rig)] * len(poses)
-    log = Observations.from_batches(poses.skeleton, truth.rig.names, batches, ids)
-    made = {
-        "session": "long",
-        "inputs": {name: f"{name}.mp4" for name in truth.rig.names},
-        "config": plain(dataclasses.asdict(TrackConfig())),
-    }
-    return Recording(rig=truth.rig, poses=poses, observations=log, provenance=made)
-
-
-def _seen(camera: Camera, pose: Pose3D) -> Detections2D:
-    """Everyone, exactly."""
-    xy = camera.project(pose.xyz_world)
-    score = np.isfinite(xy[..., 0]) * 1.0
-    return Detections2D(
-        camera=camera.name,
-        t_ns=pose.t_ns,
-        skeleton=pose.skeleton,
-        xy_img=xy,
-        score=score,
-        sigma_px=np.where(score > 0, 1.0, np.nan),
-        box_img=keypoint_boxes(xy, score),
-    )
-
-
 def in_python(session: Path, result: Path, seeks: int) -> dict[str, float]:
     """Milliseconds from a request to the images of all cameras, one after the other."""
-    from posefuse.api.recording import read
-
     recording = read(result)
     _ = recording.views
     began = time.perf_counter()
@@ -158,9 +111,9 @@ def in_browser(workspace: Path, browser: Path, seeks: int) -> dict[str, float]:
 
 
 def note(data: bytes | str, arrived: list[tuple[float, int]]) -> None:
-    """Remember an image message (kind 3): when it came, of which camera."""
-    if isinstance(data, bytes) and data[:2] == b"PF" and data[3] == 3:
-        arrived.append((time.perf_counter(), int.from_bytes(data[16:18], "little")))
+    """Remember an image message (`posefuse_studio.scene.messages`): when it came, of which camera."""
+    if isinstance(data, bytes) and data[4:20] == b'{"kind": "image"':
+        arrived.append((time.perf_counter(), json.loads(data[4 : 4 + int.from_bytes(data[:4], "little")])["camera"]))
 
 
 def spread(values: list[float]) -> dict[str, float]:

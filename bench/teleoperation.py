@@ -3,18 +3,16 @@
     python bench/teleoperation.py faults [--robot own] [--first 0] [--count 20000] [--workers 2]    ends with 1 if any is breached
     python bench/teleoperation.py follow
     python bench/teleoperation.py boxes [--seeds 3]
-    python bench/teleoperation.py boxes --rendered FOLDER [--count 2] [--rate 15] [--latency 0.06] [--networks NAME] [--seed 0]
     python bench/teleoperation.py live --session FOLDER [--networks NAME]
     python bench/teleoperation.py kill [--repeats 5] [--session FOLDER]
     python bench/teleoperation.py image --out FILE.png
 
-faults, follow and boxes run in simulated time, so that the load of the machine does not matter. FOLDER of boxes keeps what is
-rendered there; that of live and kill is one of `posefuse simulate`, for live of examples/scenes/operator.yaml.
+faults, follow and boxes run in simulated time, so that the load of the machine does not matter. FOLDER is a session of
+`posefuse simulate`, for live of examples/scenes/operator.yaml.
 """
 
 from __future__ import annotations
 
-import itertools
 import multiprocessing
 import sys
 import time
@@ -50,7 +48,6 @@ NOISE_MM = (0.0, 5.0, 10.0, 20.0)
 HANDS = ((0.1, 0.0), (0.3, 0.0), (0.5, 0.0), (0.3, 2.0), (0.3, 5.0))
 # the hand rests before it follows its path; the robot is at rest in the middle of that
 _REST_S, _PATH_S = 6.0, 16.0
-_SIGMAS_M = (0.0, 0.01, 0.015, 0.02, 0.03, 0.04, 0.06, 1.0)
 
 
 def faults(args: Namespace) -> Tables:
@@ -132,8 +129,6 @@ def timed(call: Callable[..., Any], took_ms: list[float]) -> Callable[..., Any]:
 
 def boxes(args: Namespace) -> Tables:
     """Success, time and path error compared with perfect tracking."""
-    if args.rendered:
-        return boxes_rendered(args)
     rows = []
     for noise_mm in NOISE_MM:
         done = [move_boxes(MadeUpHand(1e-3 * noise_mm, seed)) for seed in range(args.seeds if noise_mm else 1)]
@@ -142,25 +137,6 @@ def boxes(args: Namespace) -> Tables:
             {"noise_mm": noise_mm, **{name: sum(one[name] for one in done) for name in ("placed", "of", "holds")}, **means}
         )
     return {"Boxes": rows}
-
-
-def boxes_rendered(args: Namespace) -> Tables:
-    """The operator seen by rendered cameras and a network; and the tracked hand's error by its stated standard deviation."""
-    from rendered_operator import BEGIN_S, SeenHand, session_of_task
-
-    task = {"boxes": args.count, "begin_s": BEGIN_S}
-    hand = SeenHand(session_of_task(args.rendered, args.count, args.rate, args.seed), args.networks, args.latency)
-    rows = [{"tracking": "perfect", **move_boxes(**task)}, {"tracking": args.networks, **move_boxes(hand, **task)}]
-    sigma_m, off_m = np.array([row[0] for row in hand.rows]), np.array([row[1] for row in hand.rows])
-    # what is the same all the time moves no robot
-    far_mm, by_sigma = 1e3 * np.linalg.norm(off_m - np.median(off_m, axis=0), axis=1), []
-    for low, high in itertools.pairwise(_SIGMAS_M):
-        inside = (sigma_m >= low) & (sigma_m < high)
-        if inside.sum() > 20:
-            shares = {f"p{share}_mm": float(np.percentile(far_mm[inside], share)) for share in (95, 99)}
-            rms_mm = float(np.sqrt((far_mm[inside] ** 2).mean()))
-            by_sigma.append({"from_mm": 1e3 * low, "to_mm": 1e3 * high, "share": inside.mean(), "rms_mm": rms_mm, **shares})
-    return {"Boxes, rendered": rows, "Error by stated sigma": by_sigma}
 
 
 def live(args: Namespace) -> Tables:
@@ -229,13 +205,11 @@ STEPS = {step.__name__: step for step in (faults, follow, boxes, live, kill, ima
 
 def main() -> None:
     args = arguments(
-        __doc__, positional=("step",), step=str, robot="own", first=0, count=0, workers=2, seeds=3, rendered=Path, rate=15.0,
-        networks="", latency=0.06, seed=0, repeats=5, session=Path, out=Path,
+        __doc__, positional=("step",), step=str, robot="own", first=0, count=20_000, workers=2, seeds=3,
+        networks=str, repeats=5, session=Path, out=Path,
     )  # fmt: skip
     if args.step not in STEPS:
         raise SystemExit(f"{args.step}: expected one of {', '.join(STEPS)}")
-    args.count = args.count or (20_000 if args.step == "faults" else 2)
-    args.networks = args.networks or (None if args.step == "live" else "blazepose_lite")
     tables = {title: rows for title, rows in STEPS[args.step](args).items() if rows}
     answer(args, tables, mark=f"teleoperation {args.step}")
     sys.exit("First breaches" in tables)

@@ -5,7 +5,6 @@
 Each message carries the time of its making; the receiver takes the difference to its own clock (same machine, same
 clock) after the value is decoded and checked. So a row is making the message + sending + waking up + reading it:
 
-- socketpair   the bytes of the message alone, no middleware: what the operating system needs
 - ros2         posefuse/pose over Cyclone DDS, from the core value to the core value
 - ros2 output  the same while the sender publishes everything RosOutput shows (tf, joints, markers, view)
 
@@ -15,7 +14,6 @@ Tables on stderr, one JSON object on stdout.
 
 import multiprocessing
 import os
-import socket
 import time
 
 import numpy as np
@@ -87,26 +85,6 @@ def over_ros2(seconds: float, people: int, everything: bool) -> list[float]:
     return ages
 
 
-def shout(end: socket.socket, seconds: float, people: int) -> None:
-    raw = encode(message_from_pose(a_pose(people), {}, "world"))
-    steadily(seconds, lambda: end.send(time.time_ns().to_bytes(8, "little") + raw))
-    end.send(b"")
-    end.close()
-
-
-def over_socketpair(seconds: float, people: int) -> list[float]:
-    """Ages in ms."""
-    near, far = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
-    talker = multiprocessing.get_context("spawn").Process(target=shout, args=(far, seconds, people))
-    talker.start()
-    far.close()
-    ages = []
-    while raw := near.recv(2**20):
-        ages.append((time.time_ns() - int.from_bytes(raw[:8], "little")) / 1e6)
-    talker.join()
-    return ages
-
-
 class Nowhere:
     """An outlet that makes the bytes and drops them."""
 
@@ -135,7 +113,6 @@ def main() -> None:
     rows, steps = [], []
     for people in (1, 2):
         ways = {
-            "socketpair": over_socketpair(args.seconds, people),
             "ros2": over_ros2(args.seconds, people, False),
             "ros2 output": over_ros2(args.seconds, people, True),
         }

@@ -19,8 +19,8 @@ import tempfile
 import time
 import urllib.error
 import urllib.request
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator
+from itertools import product
 from pathlib import Path
 
 from page_marks import between_marks, markdown, write_between_marks
@@ -53,16 +53,13 @@ def main() -> None:
     """Build, check, try."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--python", action="append", help="Python to try it with (default: those of 3.11 to 3.13 that are here)")
-    parser.add_argument("--versions", action="append", choices=list(RESOLUTIONS), help="of the packages (default: both)")
-    parser.add_argument("--without", action="append", choices=list(PACKAGES), help="do not try this package")
     parser.add_argument("--minutes", type=float, default=float("inf"), help="begin no installation later than this")
     parser.add_argument("--write", type=Path, metavar="PAGE", help="put the rows into the table of this page")
     parser.add_argument("--no-install", action="store_true", help="build and check only")
     options = parser.parse_args()
     wheels = build()
     if not options.no_install:
-        trial = Trial(wheels=wheels, left_out=options.without or ())
-        found = try_everywhere(trial, options.python or present_pythons(), options.versions or list(RESOLUTIONS), options.minutes)
+        found = try_everywhere(wheels, options.python or present_pythons(), options.minutes)
         for name, rows in found.items():
             print(f"\n{markdown(COLUMNS[name], rows)}")
             if options.write:
@@ -106,37 +103,16 @@ def _working(version: str) -> Iterator[str]:
             yield path
 
 
-@dataclass(frozen=True, kw_only=True)
-class Trial:
-    """What is installed: the wheels, that of posefuse first, but not those of the packages left out."""
-
-    wheels: list[Path]
-    left_out: Sequence[str]
-
-    @property
-    def packages(self) -> list[str]:
-        """What is added to posefuse."""
-        return [name for name in PACKAGES if name not in self.left_out]
-
-    @property
-    def more_wheels(self) -> list[Path]:
-        """Those of `packages`."""
-        return [path for path in self.wheels if path.name.partition("-")[0].replace("_", "-") in self.packages]
-
-
-def try_everywhere(
-    trial: Trial, pythons: list[str], versions: list[str], minutes: float = float("inf")
-) -> dict[str, list[list[str]]]:
+def try_everywhere(wheels: list[Path], pythons: list[str], minutes: float) -> dict[str, list[list[str]]]:
     """Try the wheels with every Python and choice of versions, as far as the time reaches; rows of the tables by name."""
     end_s = time.monotonic() + 60 * minutes
     found: dict[str, list[list[str]]] = {name: [] for name in COLUMNS}
-    for chosen in versions:
-        for python in pythons:
-            if time.monotonic() < end_s:
-                for name, row in try_installed(trial, python, chosen).items():
-                    found[name].append(row)
-            else:
-                print(f"not tried, because the {minutes:g} minutes are over: {python}, {chosen} versions")
+    for chosen, python in product(RESOLUTIONS, pythons):
+        if time.monotonic() < end_s:
+            for name, row in try_installed(wheels, python, chosen).items():
+                found[name].append(row)
+        else:
+            print(f"not tried, because the {minutes:g} minutes are over: {python}, {chosen} versions")
     return found
 
 
@@ -150,7 +126,7 @@ def write(page: Path, name: str, rows: list[list[str]]) -> None:
     write_between_marks(page, markdown(COLUMNS[name], ordered), name)
 
 
-def try_installed(trial: Trial, python: str, chosen: str) -> dict[str, list[str]]:
+def try_installed(wheels: list[Path], python: str, chosen: str) -> dict[str, list[str]]:
     """Install the wheels into an empty environment and run the commands of a first hour there; a row of each table."""
     with tempfile.TemporaryDirectory() as folder:
         place, environment = Path(folder), Path(folder) / "venv"
@@ -162,16 +138,15 @@ def try_installed(trial: Trial, python: str, chosen: str) -> dict[str, list[str]
             "--resolution", RESOLUTIONS[chosen], "--requirements", str(ROOT / "pyproject.toml"),
         ]  # fmt: skip
         scripts = environment / ("Scripts" if sys.platform == "win32" else "bin")
-        run([*install, str(trial.wheels[0])])
+        run([*install, str(wheels[0])])
         version = subprocess.check_output(
             [scripts / "python", "-c", "import platform; print(platform.python_version())"], text=True
         ).strip()
         core = [_outcome(scripts, words, place) for words in _commands(environment, place)]
         megabytes = _megabytes(environment)
-        required = [f"--requirements={ROOT / 'packages' / name / 'pyproject.toml'}" for name in trial.packages]
-        added = subprocess.run([*install, *required, *map(str, (trial.wheels[0], *trial.more_wheels))], check=False)
-        works = "failed" if added.returncode else ""
-        more = [works or _package_works(name, scripts, place) if name in trial.packages else "not tried" for name in PACKAGES]
+        required = [f"--requirements={ROOT / 'packages' / name / 'pyproject.toml'}" for name in PACKAGES]
+        added = subprocess.run([*install, *required, *map(str, wheels)], check=False)
+        more = ["failed" if added.returncode else _package_works(name, scripts, place) for name in PACKAGES]
         return {
             "package": [version, chosen, megabytes, *core],
             "packages": [version, chosen, _megabytes(environment), *more],

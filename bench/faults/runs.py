@@ -1,9 +1,8 @@
-"""One run of one case or good session: kept in a file of its own, so that a long bench can stop, continue, and share its work."""
+"""One run of one case or good session: kept in a file of its own, so that a long bench can stop and continue."""
 
 from __future__ import annotations
 
 import json
-import os
 import re
 import time
 from dataclasses import asdict, dataclass
@@ -43,14 +42,6 @@ class Outcome:
     cpu_s: float
 
 
-def carry_out(run: Run) -> Outcome:
-    """Make the session, calibrate, judge."""
-    start = time.process_time()
-    answer = run.of.run(run.seed)
-    judged = verdict(run.of, answer) if isinstance(run.of, Case) else REFUSED if answer.refused else ACCEPTED
-    return Outcome(judged, answer, time.process_time() - start)
-
-
 def kept(folder: Path, run: Run) -> Outcome | None:
     """The outcome of an earlier time; judged again, so that a corrected regular expression needs no new run."""
     try:
@@ -62,30 +53,15 @@ def kept(folder: Path, run: Run) -> Outcome | None:
     return Outcome(judged, answer, content["cpu_s"])
 
 
-def carry_out_once(folder: Path, run: Run) -> Outcome | None:
-    """The outcome, from its file where there is one; None where another process is at it.
-
-    A run that was broken off leaves an empty claim, which `give_up_claims` removes.
-    """
-    claim = folder / f"{run.file}.claim"
+def carry_out(folder: Path, run: Run) -> Outcome:
+    """Make the session, calibrate, judge, and keep it; or the outcome that is kept."""
     if (found := kept(folder, run)) is not None:
         return found
-    try:
-        os.close(os.open(claim, os.O_CREAT | os.O_EXCL))
-    except FileExistsError:
-        return None
-    try:
-        outcome = carry_out(run)
-        temporary = folder / f"{run.file}.part"
-        temporary.write_text(json.dumps(asdict(outcome)) + "\n", encoding="utf-8")
-        temporary.replace(folder / run.file)
-        return outcome
-    finally:
-        claim.unlink(missing_ok=True)
-
-
-def give_up_claims(folder: Path, older_s: float) -> None:
-    """Remove claims of processes that were killed."""
-    for claim in folder.glob("*.claim"):
-        if time.time() - claim.stat().st_mtime > older_s:
-            claim.unlink(missing_ok=True)
+    start = time.process_time()
+    answer = run.of.run(run.seed)
+    judged = verdict(run.of, answer) if isinstance(run.of, Case) else REFUSED if answer.refused else ACCEPTED
+    outcome = Outcome(judged, answer, time.process_time() - start)
+    temporary = folder / f"{run.file}.part"
+    temporary.write_text(json.dumps(asdict(outcome)) + "\n", encoding="utf-8")
+    temporary.replace(folder / run.file)
+    return outcome

@@ -7,8 +7,6 @@ prints which cameras are named when one camera of a rig is wrong: eight errors, 
 
 from __future__ import annotations
 
-import argparse
-import sys
 from collections.abc import Callable
 from dataclasses import replace
 from functools import cache
@@ -128,22 +126,21 @@ def bent(set_up: str, bend: str, seed: int) -> tuple[str, str, float]:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--seeds", type=int, nargs="+", default=[0, 1, 2])
-    args = parser.parse_args()
+    from harness import answer as answered
+    from harness import arguments, note
+
+    args = arguments(__doc__, seeds=(0, 1, 2))
     names, off = ("right", "right and others", "only others", "passed"), []
     rows = {bend: dict.fromkeys(names, 0) for bend in BENDS}
     for bend, set_up, seed in product(BENDS, ("board, four on one side", "cube, ring of four"), args.seeds):
         who, words, sigmas = bent(set_up, bend, seed)
         rows[bend][who] += 1
         off.append(sigmas)
-        print(f"{bend}, {set_up}, {seed}: {who}, {sigmas:.1f} sigma: {words}", file=sys.stderr, flush=True)
-    print(f"| one camera is | {' | '.join(names)} |", f"|---{'|---' * len(names)}|", sep="\n")
-    for bend, row in rows.items():
-        print(f"| {bend} | {' | '.join(str(row[name]) for name in names)} |")
-    total = {name: sum(row[name] for row in rows.values()) for name in names}
-    print(f"| all {len(off)} | {' | '.join(str(total[name]) for name in names)} |")
-    print(f"error over stated standard error: median {np.nanmedian(off):.1f}, 90 % {np.nanquantile(off, 0.9):.1f}")
+        note(f"{bend}, {set_up}, {seed}: {who}, {sigmas:.1f} sigma: {words}")
+    errors = {"median": float(np.nanmedian(off)), "90 %": float(np.nanquantile(off, 0.9))}
+    rows[f"all {len(off)}"] = {name: sum(row[name] for row in rows.values()) for name in names}
+    named = [{"one camera is": bend, **row} for bend, row in rows.items()]
+    answered(args, {"Named": named, "Error over stated standard error": [errors]})
 
 
 if __name__ == "__main__":

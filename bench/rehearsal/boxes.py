@@ -15,7 +15,7 @@ from posefuse_teleop.settings import MappingSettings, RobotSettings, Teleoperati
 from posefuse_teleop.values import OperatorView, Phase
 
 from .figures import lag_and_rms
-from .operator import RATE_HZ, Hand, MadeUpHand, Tick, operated
+from .operator import RATE_HZ, MadeUpHand, Tick, operated
 from .robots import with_joints
 
 _EDGE_M, _TABLE_M = 0.06, 0.40
@@ -49,25 +49,22 @@ class Script:
     """What the hand does, at 100 Hz.
 
     Attributes:
-        xyz: (T, 3) where the end effector should be, in axes of its base. grip: (T,) whether the gripper is closed.
-        at_s, places: (N,), (N, 3) the points between which it moves, with minimum jerk.
+        xyz: (T, 3) where the end effector should be, in axes of its base; minimum jerk from point to point.
+        grip: (T,) whether the gripper is closed.
     """
 
     xyz: Array
     grip: Array
-    at_s: Array
-    places: Array
 
 
-def script(start: Array, boxes: int = len(STARTS)) -> Script:
-    """Pick the first boxes up one by one and put each down on its mark, with pauses as a careful person makes them."""
+def script(start: Array) -> Script:
+    """Pick the boxes up one by one and put each down on its mark, with pauses as a careful person makes them."""
     legs: list[tuple[Array, bool]] = []
-    for (x0, y0), (x1, y1) in list(zip(STARTS, MARKS, strict=True))[:boxes]:
+    for (x0, y0), (x1, y1) in zip(STARTS, MARKS, strict=True):
         for x, y, closes in ((x0, y0, True), (x1, y1, False)):
             above, on = np.array([x, y, _TOP_M + _LIFT_M]), np.array([x, y, _TOP_M - _PRESS_M])
             legs += [(above, not closes), (on, not closes), (on, closes), (above, closes)]
     here, xyz, grip = np.array(start), [], []
-    at_s, places = [0.0], [here]
     for place, closed in legs:
         far = float(np.linalg.norm(place - here))
         # a minimum-jerk movement is 1.875 times as fast in its middle as on average
@@ -76,10 +73,7 @@ def script(start: Array, boxes: int = len(STARTS)) -> Script:
         xyz.append(here + (part**3 * (10 - 15 * part + 6 * part**2)) * (place - here))
         grip.append(np.full(n, closed))
         here = place
-        at_s.append(at_s[-1] + n / RATE_HZ)
-        places.append(here)
-    whole = {"xyz": np.concatenate([*xyz, [here]]), "grip": np.concatenate([*grip, [False]])}
-    return Script(at_s=np.array(at_s), places=np.array(places), **whole)
+    return Script(xyz=np.concatenate([*xyz, [here]]), grip=np.concatenate([*grip, [False]]))
 
 
 @dataclass(eq=False)
@@ -91,40 +85,33 @@ class BoxStage:
     plan: Script
 
     @staticmethod
-    def built(boxes: int = len(STARTS)) -> BoxStage:
-        """With a task of the first `boxes`."""
+    def built() -> BoxStage:
+        """With the whole task."""
         robot = with_joints(SETTINGS, mobile_manipulator(SETTINGS.hands, things()))
         driver = Driver(robot, SETTINGS)
         base_from_world = robot.joints.world_from_model.inverse()
-        return BoxStage(robot, driver, script(base_from_world @ driver.state.xyz_world[0], boxes))
+        return BoxStage(robot, driver, script(base_from_world @ driver.state.xyz_world[0]))
 
-    def hand_path(self, begin_s: float) -> tuple[Array, Array]:
-        """(N,) s and (N, 3) m in the world: the points between which the operator's hand moves, after a rest of `begin_s`."""
-        return begin_s + self.plan.at_s, HAND_M + (self.plan.places - self.plan.places[0]) / SCALE
-
-    def on_marks(self, boxes: int) -> int:
-        """How many of the first boxes lie on the table within 3 cm of their marks."""
-        found = [(self.robot.data.body(f"box{i}").xpos, mark) for i, mark in enumerate(MARKS[:boxes])]
+    def on_marks(self) -> int:
+        """How many boxes lie on the table within 3 cm of their marks."""
+        found = [(self.robot.data.body(f"box{i}").xpos, mark) for i, mark in enumerate(MARKS)]
         lie = [abs(xyz[2] - _TABLE_M - _EDGE_M / 2) < 0.01 and np.hypot(*(xyz[:2] - mark)) <= _NEAR_M for xyz, mark in found]
         return int(sum(lie))
 
 
 def move_boxes(
-    hand: Hand | None = None,
+    hand: MadeUpHand | None = None,
     watch: Callable[[MujocoRobot, Tick, float], None] | None = None,
     *,
-    boxes: int = len(STARTS),
-    begin_s: float = REST_S,
     seconds: float = 1e6,
 ) -> dict[str, float]:
     """Do the task, or its first seconds: boxes on their marks of all, seconds, error of the path after one lag, and that lag.
 
     Args:
         hand: as the robot's side knows it; None: exactly. watch: is shown every tick and its time in s.
-        boxes: how many are moved. begin_s: the hand rests so long before.
     """
-    stage, hand = BoxStage.built(boxes), hand or MadeUpHand()
-    plan, rest = stage.plan, round(begin_s * RATE_HZ)
+    stage, hand = BoxStage.built(), hand or MadeUpHand()
+    plan, rest = stage.plan, round(REST_S * RATE_HZ)
 
     def look(k: int, now_ns: int) -> tuple[OperatorView | None, tuple[Beat, ...]]:
         i = max(0, k - rest)
@@ -140,5 +127,5 @@ def move_boxes(
             watch(stage.robot, tick, k / RATE_HZ)
     wanted = stage.robot.joints.world_from_model @ plan.xyz[1 : ticks - rest]
     lag_s, rms_m = lag_and_rms(wanted, np.array(done[rest + 1 :]), RATE_HZ)
-    moved = {"placed": stage.on_marks(boxes), "of": boxes, "seconds": len(plan.xyz) / RATE_HZ}
+    moved = {"placed": stage.on_marks(), "of": len(MARKS), "seconds": len(plan.xyz) / RATE_HZ}
     return moved | {"path_rms_mm": 1e3 * rms_m, "lag_ms": 1e3 * lag_s, "holds": int(holds)}

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
-from typing import Protocol
 
 import numpy as np
 
@@ -23,14 +22,6 @@ _START_NS, _TICK_NS, _LATE_NS = 10**12, 10_000_000, 40_000_000
 Look = Callable[[int, int], tuple[OperatorView | None, tuple[Beat, ...]]]
 
 
-class Hand(Protocol):
-    """How the robot's side learns where the hand is."""
-
-    def view(self, k: int, hand_world: Array, now_ns: int) -> OperatorView | None:
-        """The operator as known at tick `k`, whose hand truly is at (3,); None: not yet."""
-        ...
-
-
 class MadeUpHand:
     """Known up to noise (3,) that lasts for some frames, and stated so. noise_m: root mean square distance."""
 
@@ -38,7 +29,7 @@ class MadeUpHand:
         self._noise_m, self._rng, self.noise = noise_m, np.random.default_rng(seed), np.zeros(3)
 
     def view(self, k: int, hand_world: Array, now_ns: int) -> OperatorView:
-        """See `Hand`."""
+        """The operator as known at tick `k`, whose hand truly is at (3,)."""
         self.noise = 0.9 * self.noise + np.sqrt((1 - 0.9**2) / 3) * self._noise_m * self._rng.normal(size=3)
         measured_world = hand_world + self.noise + 1e-6 * self._rng.normal(size=3)
         return person_view(measured_world, now_ns, measured_ns=now_ns - _LATE_NS, sigma_m=self._noise_m / np.sqrt(3))
