@@ -71,7 +71,6 @@ def group(ring_rig, monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setattr(group_module, "build_detector", SlowDetector)
     rig, (ours, theirs) = ring_rig(3, size_wh=(64, 48)), Channel.pair()
     group = Group(plan_of(rig, SessionClock.begin(), NAMES), theirs)
-    group._shift_ns = dict.fromkeys(NAMES, 0)
     group.detector.group = group
     group.detector.show_next()
     yield group, ours
@@ -116,7 +115,6 @@ def on_card(ring_rig, tmp_path, monkeypatch: pytest.MonkeyPatch):
         assert plan.together
         group = Group(replace(plan, together=together, most_people=1, search_every_s=1e6), theirs)
         runtime.batches.clear()
-        group._shift_ns = dict.fromkeys(rig.names, 0)
         group._searched_slot = dict.fromkeys(rig.names, search_slot(clock.now_ns(), 1e6))
         if followed:
             group._expected = Expected(clock.now_ns(), xyz, np.zeros_like(xyz))
@@ -250,7 +248,6 @@ def watched(ring_rig, monkeypatch: pytest.MonkeyPatch):
         ours, theirs = Channel.pair()
         session = SessionClock.begin()
         group = Group(plan_of(rig, session, NAMES[:1]), theirs)
-        group._shift_ns["cam00"] = 0
         pixels = [CountedPixels() for _ in range(count)]
         for i, one in enumerate(pixels):
             if people:

@@ -97,7 +97,7 @@ class CameraFeed(Closing):
         self._videos: Path | None = None
         self._news = threading.Condition()
         # when the first frames were asked for, and when each camera had delivered one
-        self._begun_s = 0.0
+        self._begun_s, self._zero_ns = 0.0, 0
         self._all_s: float | None = None
         self._captures = [
             Capture(keeping_packets(entry) if packets else entry, None if rig is None else rig[entry.camera], self._news)
@@ -122,11 +122,12 @@ class CameraFeed(Closing):
         self._videos = videos
         for capture in self._captures:
             if videos is not None:
-                capture.keep(VideoKeeper(videos, capture.entry.camera))
+                capture.exchange_keeper(VideoKeeper(videos, capture.entry.camera))
         self._begun_s = time.monotonic()
-        zero_ns, clock = time.monotonic_ns(), SessionClock.begin()
+        zero_ns = time.monotonic_ns()
+        self._zero_ns = zero_ns + SessionClock.begin().offset_ns
         for capture in self._captures:
-            capture.begin(zero_ns, zero_ns + clock.offset_ns)
+            capture.begin(zero_ns, self._zero_ns)
 
     def close(self) -> None:
         """Close the sources and finish the videos; safe to call twice."""
@@ -188,8 +189,8 @@ class CameraFeed(Closing):
         with self._news:
             taken = [capture.take() for capture in self._captures]
         return [
-            FedFrame(number, caught.arrived.t_ns + caught.later_ns - capture.zero_ns, caught.arrived.frame())
-            for number, (capture, caught) in enumerate(zip(self._captures, taken, strict=True))
+            FedFrame(number, caught.t_ns - self._zero_ns, caught.arrived.frame())
+            for number, caught in enumerate(taken)
             if caught is not None
         ]
 
