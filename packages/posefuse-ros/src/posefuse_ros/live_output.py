@@ -82,11 +82,7 @@ class Ros1Config:
 
     def build(self) -> LiveOutput:
         """Not yet opened."""
-        return RosLiveOutput("ros1", _ros1_node, "ROS 1", Ros2Config())
-
-
-def _ros1_node() -> Any:
-    return Ros1Node("posefuse")
+        return RosLiveOutput("ros1", lambda: Ros1Node("posefuse"), "ROS 1", Ros2Config())
 
 
 class RosLiveOutput:

@@ -272,20 +272,16 @@ class NetworkViews(Closing, ViewSource):
         found, senders.news, intrinsics.problems = [*senders.news, *intrinsics.problems, *new], [], []
         return found
 
-    def first_skeleton(self, timeout_s: float) -> Skeleton | None:
-        """Skeleton of the session, which the first views decide; None when there are none yet."""
-        self._chosen.wait(timeout_s)
-        return self.views.senders.skeleton
-
     def wait_ready(self, stopped: Sequence[str]) -> Skeleton:
         """The skeleton of the first view."""
         # compiled for any skeleton, before a view is there to be waited for
         warmed_up(self._rig, BLAZEPOSE33, self._config, stopped)
-        while (skeleton := self.first_skeleton(_FIRST_VIEW_S)) is None:
+        while not self._chosen.wait(_FIRST_VIEW_S):
             if stopped or (self._duration_s is not None and self._waited_s() >= self._duration_s):
                 raise SourceError(self._nothing_came())
         self._say(f"first view after {self._waited_s():.1f} s")
-        return skeleton
+        assert self.views.senders.skeleton is not None
+        return self.views.senders.skeleton
 
     def start(self, clock: SessionClock) -> int:
         """They come already; the session counts from when it began to wait for them."""

@@ -56,10 +56,6 @@ class Sizes(NamedTuple):
     thigh: float
     shank: float
 
-    def differs(self, other: Sizes, by_m: float) -> bool:
-        """Whether any length is another by more than `by_m`."""
-        return any(abs(mine - theirs) > by_m for mine, theirs in zip(self, other, strict=True))
-
 
 def sizes_from_points(points: Array) -> Array:
     """(N, 8) lengths in the order of `Sizes` from keypoints (N, len(POINTS), 3); both sides' mean, NaN where not seen."""
@@ -152,7 +148,7 @@ class PersonOutput:
     _part_rates: Velocities = field(default_factory=Velocities)
     _body_rates: Velocities = field(default_factory=Velocities)
     _sizes: dict[str, tuple[int, Array]] = field(default_factory=dict)
-    _models: dict[str, Sizes] = field(default_factory=dict)
+    _models: dict[str, Array] = field(default_factory=dict)
 
     def forget(self, one: str) -> None:
         """A body has left."""
@@ -217,8 +213,8 @@ class PersonOutput:
             self._sizes[one] = count, mean
             if count < _SEEN_FOR_MODEL:
                 continue
-            sizes, before = Sizes(*mean.tolist()), self._models.get(one)
-            if before is None or sizes.differs(before, _MODEL_CHANGED_M):
-                self._models[one] = sizes
-                text = message("std_msgs/msg/String", data=urdf_text(one, sizes))
+            before = self._models.get(one)
+            if before is None or np.abs(mean - before).max() > _MODEL_CHANGED_M:
+                self._models[one] = mean
+                text = message("std_msgs/msg/String", data=urdf_text(one, Sizes(*mean.tolist())))
                 self.outlet.publish(topics.body(one, "urdf"), text, pose.t_ns)

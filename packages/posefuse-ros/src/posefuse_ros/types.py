@@ -22,14 +22,6 @@ if TYPE_CHECKING:
 DEFINITIONS = Path(__file__).parent / "msg"
 # longest list a stranger may announce in a message; ours stay far below it, images are the largest
 MAX_LIST = 64 * 2**20
-_BASIC = {
-    "bool": "bool",
-    "byte": "byte",
-    "char": "uint8",
-    "float32": "float32",
-    "float64": "float64",
-    **{f"{sign}int{bits}": f"{sign}int{bits}" for sign in ("", "u") for bits in (8, 16, 32, 64)},
-}
 T = TypeVar("T")
 
 
@@ -136,7 +128,7 @@ def _idl_type(desc: Any) -> Any:
         name, bound = detail
         if name == "string":
             return types.bounded_str[bound] if bound else str
-        return getattr(types, _BASIC[name]) if name != "bool" else bool
+        return getattr(types, name) if name != "bool" else bool
     inner, length = detail
     element = _idl_type(inner)
     if kind == Nodetype.ARRAY:
