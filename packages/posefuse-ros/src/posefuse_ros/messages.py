@@ -81,9 +81,7 @@ def state_from_message(msg: Any) -> CameraState | None:
     if not captured:
         return None
     # a view has come, so the source runs
-    return CameraState(
-        camera=msg.camera, state="running", text="", captured=captured, used=used, replaced=captured - used, missing=0
-    )  # fmt: skip
+    return CameraState(camera=msg.camera, state="running", captured=captured, used=used, replaced=captured - used)
 
 
 def detections_from_message(msg: Any) -> tuple[Detections2D, dict[str, int]]:
