@@ -9,7 +9,7 @@ import numpy as np
 from posefuse.core import SE3, Pose3D
 from posefuse.core.arrays import Array
 from posefuse.core.se3 import quaternion_product
-from posefuse.core.skeleton import pick_keypoints
+from posefuse.core.skeleton import SIDES, pick_keypoints
 
 from .bodies import LINKS, POINTS, Bodies, along_last, cross, head_and_wrists, unit_or_nan
 
@@ -17,7 +17,7 @@ PARTS = ("head", "left_wrist", "right_wrist", "left_hand", "right_hand")
 _HANDS = ("left_index", "right_index", "left_pinky", "right_pinky")
 _NAMES = (*POINTS, *_HANDS)
 _FROM_BODY = [LINKS.index(name) for name in ("head", "l_wrist", "r_wrist")]
-_WRISTS = tuple(POINTS.index(f"{side}_wrist") for side in ("left", "right"))
+_WRISTS = tuple(POINTS.index(f"{side}_wrist") for side in SIDES)
 # legs do not move a part
 _MOVING = [i for i, name in enumerate(_NAMES) if not name.endswith(("_knee", "_ankle"))]
 _STEP_M = 1e-4
