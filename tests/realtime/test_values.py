@@ -5,6 +5,7 @@ import socket
 import threading
 import time
 from dataclasses import replace
+from pathlib import Path
 from types import SimpleNamespace
 
 import built
@@ -184,16 +185,21 @@ def test_stages_add_up_to_the_total() -> None:
     assert figures["b"]["total"]["n"] == 0
 
 
+def reported(latencies: Latencies, folder: Path) -> Path:
+    """The page of a session with these latencies."""
+    fusion = SimpleNamespace(latencies=latencies, rig=SimpleNamespace(names=tuple(latencies.stages), id="r"))
+    figures = {"latency": latencies.figures(), "events": [], "output_events": []}
+    write_latency_report(folder, SimpleNamespace(fusion=fusion, zero_ns=0), figures)
+    return folder / "latency.html"
+
+
 def test_the_page_draws_one_spike_per_view_on_one_scale(tmp_path, read_page) -> None:
     latencies = Latencies(("a", "b", "silent"))
     for i in range(100):
         late_ns = 900_000_000 if i == 50 else 30_000_000
         for name in ("a", "b"):
             latencies.view_out(ViewTimes(name, i * PERIOD_NS, 0, 0, 0, 0), i * PERIOD_NS + late_ns)
-    fusion = SimpleNamespace(latencies=latencies, rig=SimpleNamespace(names=("a", "b", "silent"), id="r"))
-    figures = {"latency": latencies.figures(), "events": [], "output_events": []}
-    write_latency_report(tmp_path, SimpleNamespace(fusion=fusion, zero_ns=0), figures)
-    plots = read_page(tmp_path / "latency.html").data["plots"]
+    plots = read_page(reported(latencies, tmp_path)).data["plots"]
     assert [plot["title"][-16:] for plot in plots] == ["highest 900.0 ms", "highest 900.0 ms", "silent: no view"[-16:]]
     for plot in plots[:2]:
         usual, high = plot["series"][:2]
@@ -204,12 +210,7 @@ def test_the_page_draws_one_spike_per_view_on_one_scale(tmp_path, read_page) -> 
 
 
 def test_a_session_without_views_has_a_page(tmp_path, read_page) -> None:
-    latencies = Latencies(("a",))
-    fusion = SimpleNamespace(latencies=latencies, rig=SimpleNamespace(names=("a",), id="r"))
-    write_latency_report(
-        tmp_path, SimpleNamespace(fusion=fusion, zero_ns=0), {"latency": latencies.figures(), "events": [], "output_events": []}
-    )
-    assert "No view reached an output" in read_page(tmp_path / "latency.html").text
+    assert "No view reached an output" in read_page(reported(Latencies(("a",)), tmp_path)).text
 
 
 # --- between processes
