@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping, Sequence
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -44,6 +45,25 @@ def ns_from_time(stamp: Any) -> int:
 def header(t_ns: int, frame_id: str) -> Any:
     """A `std_msgs/Header`."""
     return message("std_msgs/msg/Header", stamp=time_from_ns(t_ns), frame_id=frame_id)
+
+
+def diagnostic_status(
+    name: str, level: int, text: str, values: Mapping[str, str] = MappingProxyType({}), *, hardware_id: str | None = None
+) -> Any:
+    """`diagnostic_msgs/DiagnosticStatus`, one line of diagnostics.
+
+    Args:
+        name: e.g. ``camera cam02``. level: 0 ok, 1 warning, 2 error, 3 stale. text: what is the matter.
+        values: figures to show, already with their units. hardware_id: None: the name.
+    """
+    return message(
+        "diagnostic_msgs/msg/DiagnosticStatus",
+        level=level,
+        name=f"posefuse: {name}",
+        message=text,
+        hardware_id=name if hardware_id is None else hardware_id,
+        values=[message("diagnostic_msgs/msg/KeyValue", key=key, value=value) for key, value in values.items()],
+    )
 
 
 def optical_frame(camera: str) -> str:
