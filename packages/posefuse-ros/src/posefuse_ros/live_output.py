@@ -159,10 +159,8 @@ def publish_preview(outlet: topics.Outlet, preview: LivePreview, rig: Rig) -> No
 def health_lines(health: LiveHealth) -> list[Any]:
     """One line of ROS diagnostics per camera and per output."""
     cameras = [
-        diagnostic_status(
-            f"camera {name}", _LEVELS.get(camera.state, _ERROR), camera.text or camera.state, _shown(camera.figures)
-        )
-        for name, camera in health.cameras.items()
+        diagnostic_status(f"camera {name}", _LEVELS.get(one.state, _ERROR), one.text or one.state, _shown(one.figures))
+        for name, one in health.cameras.items()
     ]
     return cameras + [_output_line(name, output) for name, output in health.outputs.items()]
 
