@@ -57,25 +57,17 @@ def keep_clock(recorder: topics.Outlet, clock: SimulatedClock, t_ns: int) -> Non
         recorder.publish(topics.CLOCK, message(topics.CLOCK.type_name, clock=time_from_ns(clock.sim_from_real(t_ns))), t_ns)
 
 
-class _Chosen:
-    """An outlet that records what a replay needs, and what viewers draw while it is `shown`."""
+class _SessionRecorder(Recorder):
+    """Takes what a replay needs, small images, and what viewers draw while it is `shown`."""
 
-    def __init__(self, recorder: topics.Outlet) -> None:
-        self._recorder = recorder
-        self.shown = True
-
-    def publish(self, topic: topics.Topic, msg: Any, t_ns: int) -> None:
-        """See `topics.Outlet`."""
-        self._recorder.publish(topic, msg, t_ns)
+    shown = True
 
     def wanted(self, topic: topics.Topic) -> bool:
         """See `topics.Outlet`."""
-        if topic.name == topics.POSE.name or topic.name.endswith("/joint_angles") or topic.latched:
+        name = topic.name
+        if topic.latched or name == topics.POSE.name or name.endswith("/joint_angles") or "/preview/" in name:
             return True
-        return self.shown and topic.name.removeprefix("/humans/bodies/").partition("/")[2] not in _NOT_RECORDED
-
-    def forget(self, name: str) -> None:
-        """See `topics.Outlet`."""
+        return self.shown and name.removeprefix("/humans/bodies/").partition("/")[2] not in _NOT_RECORDED
 
 
 @settings
@@ -122,7 +114,6 @@ class RecordOutput:
         self._config = config
         self._recorder: Any = None
         self._ros: Any = None
-        self._chosen: Any = None
         # where `/clock` is to be kept
         self._node: Any = None
         self._clock: Any = None
@@ -171,8 +162,8 @@ class RecordOutput:
 
     def _pose(self, message: LivePose) -> None:
         t_ns = message.pose.t_ns
-        self._chosen.shown = not 0 <= t_ns - self._shown_ns < _SHOWN_NS * 19 // 20
-        if self._chosen.shown:
+        self._recorder.shown = not 0 <= t_ns - self._shown_ns < _SHOWN_NS * 19 // 20
+        if self._recorder.shown:
             # due times, so that the rate does not fall to that of every fourth pose
             went_on = t_ns - self._shown_ns < 2 * _SHOWN_NS
             self._shown_ns = self._shown_ns + _SHOWN_NS if went_on and t_ns > self._shown_ns else t_ns
@@ -188,16 +179,16 @@ class RecordOutput:
             msg = annotations_of_view(view, preview.size_wh, self._ros.rig[preview.camera].size_wh)
             self._recorder.publish(topics.preview_annotations(preview.camera), msg, preview.t_ns)
 
-    def _part(self, part: int) -> Recorder:
+    def _part(self, part: int) -> _SessionRecorder:
         path, spare = self._config.path, self._config.spare
         if part == 1:
-            return Recorder(path)
+            return _SessionRecorder(path)
         try:
-            return Recorder(_with_room(part_path(path, part)))
+            return _SessionRecorder(_with_room(part_path(path, part)))
         except InputError:
             if spare is None:
                 raise
-            return Recorder(_with_room(part_path(spare / path.name, part)))
+            return _SessionRecorder(_with_room(part_path(spare / path.name, part)))
 
     def _open(self, start: LiveStart) -> None:
         if self._config.sim_time:
@@ -207,8 +198,7 @@ class RecordOutput:
         self._recorder = self._part(start.part)
         if start.notes:
             self._recorder.note(NOTES, {**start.notes, "part": str(start.part)})
-        self._chosen = _Chosen(self._recorder)
-        self._ros = RosOutput(self._chosen, start.rig)
+        self._ros = RosOutput(self._recorder, start.rig)
         self._ros.start(start.t_ns)
 
 
