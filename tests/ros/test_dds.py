@@ -45,8 +45,7 @@ def local():
     return Network(domain_id=own_domain(), local_only=True)
 
 
-@pytest.fixture
-def seen_by_a_stranger(local, standing, ring_rig):
+def test_a_stranger_reads_and_sees_everything(local, standing, ring_rig):
     with RosNode("/lab/fusion", local) as node, peer("look", local.domain_id) as process:
         output = RosOutput(node, ring_rig(2))
         output.start(0)
@@ -65,11 +64,7 @@ def seen_by_a_stranger(local, standing, ring_rig):
             done.set()
             thread.join(10)
             process.kill()
-    return json.loads(out)
-
-
-def test_a_stranger_reads_and_sees_everything(seen_by_a_stranger):
-    found = seen_by_a_stranger
+    found = json.loads(out)
     assert found["tf"] == ["world", "body_p1", 5, pytest.approx(0.9)]
     assert found["tf_static"] == ["cam00_optical_frame", "cam01_optical_frame"]
     writers = found["writers"]
