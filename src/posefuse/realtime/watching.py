@@ -160,7 +160,8 @@ class CameraFeed(Closing):
             for fed in frames if judged else ():
                 camera, now_s = self.cameras[fed.camera], time.monotonic()
                 if now_s - judged_s[camera] >= _REPORT_EVERY_S:
-                    judged_s[camera], found[camera] = now_s, image_warning(fed.frame.image)
+                    image = fed.frame.image
+                    judged_s[camera], found[camera] = now_s, exposure_warning(image) or focus_warning(image)
             since_s = time.monotonic() - reported
             over = over or (duration_s is not None and self.seconds() >= duration_s)
             news: tuple[CameraNews, ...] = ()
@@ -273,11 +274,6 @@ def focus_warning(image: Array) -> str:
     if left > _MOST_LEFT:
         return f"perhaps out of focus: its edges are {left:.0%} as sharp after a blur of {_BLUR_PX:g} px; turn the focus ring"
     return ""
-
-
-def image_warning(image: Array) -> str:
-    """What is wrong with an RGB image (H, W, 3), and what to do; empty where nothing is."""
-    return exposure_warning(image) or focus_warning(image)
 
 
 def _state_warning(state: CameraState, rate_hz: float, usual_hz: float) -> str:
