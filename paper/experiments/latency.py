@@ -174,7 +174,7 @@ def live_times(folder: Path, context: Context, duration_s: float, loop_s: float 
     arrivals = {t_ns: came_ns + offset_ns for t_ns, came_ns in listener.arrivals_ns().items()}
     ways = list(done.fusion.latencies.newest)
     camera, passed_s = passages(ways, arrivals, rig.names, done.zero_ns)
-    captured = sum(source.captured for name in rig.names if (source := done.fusion.monitor.source(name)))
+    captured = sum(done.fusion.monitor.source(name).captured for name in rig.names)
     used_share = sum(done.fusion.used.values()) / max(captured, 1)
     settled = passed_s[:, 0] >= SETTLED_S
     if not settled.any():

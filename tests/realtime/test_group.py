@@ -7,6 +7,7 @@ import sys
 import threading
 import time
 from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import replace
 from types import SimpleNamespace
 
@@ -65,18 +66,23 @@ def plan_of(rig: Rig, clock: SessionClock, cameras: tuple[str, ...]) -> GroupPla
     )
 
 
-@pytest.fixture
-def group(ring_rig, monkeypatch: pytest.MonkeyPatch):
-    """(group of three cameras, the end of the channel where its messages come)."""
-    monkeypatch.setattr(group_module, "build_detector", SlowDetector)
-    rig, (ours, theirs) = ring_rig(3, size_wh=(64, 48)), Channel.pair()
-    group = Group(plan_of(rig, SessionClock.begin(), NAMES), theirs)
-    group._shift_ns = dict.fromkeys(NAMES, 0)
-    group.detector.group = group
-    group.detector.show_next()
-    yield group, ours
+@contextmanager
+def opened(plan: GroupPlan) -> Iterator[tuple[Group, Channel]]:
+    """(a group in this process, the end of the channel where its messages come)."""
+    ours, theirs = Channel.pair()
+    yield Group(plan, theirs), ours
     ours.close()
     theirs.close()
+
+
+@pytest.fixture
+def group(ring_rig, monkeypatch: pytest.MonkeyPatch):
+    """See `opened`: of three cameras."""
+    monkeypatch.setattr(group_module, "build_detector", SlowDetector)
+    with opened(plan_of(ring_rig(3, size_wh=(64, 48)), SessionClock.begin(), NAMES)) as (group, ours):
+        group.detector.group = group
+        group.detector.show_next()
+        yield group, ours
 
 
 def test_while_no_person_is_followed_all_cameras_search_frames_of_one_time(group) -> None:
@@ -111,25 +117,21 @@ def on_card(ring_rig, tmp_path, monkeypatch: pytest.MonkeyPatch):
     xyz = discs.true_xyz()[:1]
 
     def views(together: bool = True, followed: bool = True) -> list[Detections2D]:
-        clock, (ours, theirs) = SessionClock.begin(), Channel.pair()
+        clock, seen = SessionClock.begin(), list[SeenView]()
         [plan] = plans_on(rig, "cuda", choice, clock)
         assert plan.together
-        group = Group(replace(plan, together=together, most_people=1, search_every_s=1e6), theirs)
-        runtime.batches.clear()
-        group._shift_ns = dict.fromkeys(rig.names, 0)
-        group._searched_slot = dict.fromkeys(rig.names, search_slot(clock.now_ns(), 1e6))
-        if followed:
-            group._expected = Expected(clock.now_ns(), xyz, np.zeros_like(xyz))
-        for name, capture in zip(rig.names, group._captures, strict=True):
-            image = np.ascontiguousarray(cv2.imread(str(tmp_path / "images" / name / "000000.png"))[..., ::-1])
-            frame = Frame(camera=name, seq=0, t_ns=clock.now_ns(), received_ns=0, image=image)
-            capture.put(Caught(Arrived.of(frame), 0))
-        seen: list[SeenView] = []
-        while len(seen) < len(rig):
-            group._look_at_next()
-            seen += iter(ours.receive, None)
-        ours.close()
-        theirs.close()
+        with opened(replace(plan, together=together, most_people=1, search_every_s=1e6)) as (group, ours):
+            runtime.batches.clear()
+            group._searched_slot = dict.fromkeys(rig.names, search_slot(clock.now_ns(), 1e6))
+            if followed:
+                group._expected = Expected(clock.now_ns(), xyz, np.zeros_like(xyz))
+            for name, capture in zip(rig.names, group._captures, strict=True):
+                image = np.ascontiguousarray(cv2.imread(str(tmp_path / "images" / name / "000000.png"))[..., ::-1])
+                frame = Frame(camera=name, seq=0, t_ns=clock.now_ns(), received_ns=0, image=image)
+                capture.put(Caught(Arrived.of(frame), 0))
+            while len(seen) < len(rig):
+                group._look_at_next()
+                seen += iter(ours.receive, None)
         return [one.detections for one in sorted(seen, key=lambda one: one.detections.camera)]
 
     return runtime, views
@@ -247,24 +249,19 @@ def watched(ring_rig, monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setattr(group_module, "build_detector", SeesNoPerson)
 
     def look(count: int, people: int = 0) -> tuple[list[SeenView], int, int]:
-        ours, theirs = Channel.pair()
-        session = SessionClock.begin()
-        group = Group(plan_of(rig, session, NAMES[:1]), theirs)
-        group._shift_ns["cam00"] = 0
-        pixels = [CountedPixels() for _ in range(count)]
-        for i, one in enumerate(pixels):
-            if people:
-                far = np.full((people, len(SKELETON), 3), 1e6)
-                group._expected = Expected(session.now_ns(), far, np.zeros_like(far))
-            now_s = next(clock_s)
-            monkeypatch.setattr(group_module.time, "monotonic", lambda now_s=now_s: now_s)
-            t_ns = 100 * S + i * PERIOD_NS
-            arrived = Arrived(camera="cam00", seq=i, t_ns=t_ns, received_ns=t_ns + 20_000_000, pixels=one)
-            group._look([(group._captures[0], Caught(arrived, 0))], group._expected)
-        monkeypatch.undo()
-        messages = list(iter(ours.receive, None))
-        ours.close()
-        theirs.close()
+        session, pixels = SessionClock.begin(), [CountedPixels() for _ in range(count)]
+        with opened(plan_of(rig, session, NAMES[:1])) as (group, ours):
+            for i, one in enumerate(pixels):
+                if people:
+                    far = np.full((people, len(SKELETON), 3), 1e6)
+                    group._expected = Expected(session.now_ns(), far, np.zeros_like(far))
+                now_s = next(clock_s)
+                monkeypatch.setattr(group_module.time, "monotonic", lambda now_s=now_s: now_s)
+                t_ns = 100 * S + i * PERIOD_NS
+                arrived = Arrived(camera="cam00", seq=i, t_ns=t_ns, received_ns=t_ns + 20_000_000, pixels=one)
+                group._look([(group._captures[0], Caught(arrived, 0))], group._expected)
+            monkeypatch.undo()
+            messages = list(iter(ours.receive, None))
         return messages, sum(one.asked > 0 for one in pixels), group.detector.searched
 
     return look

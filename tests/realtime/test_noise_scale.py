@@ -6,7 +6,7 @@ from types import SimpleNamespace
 import built
 import numpy as np
 import pytest
-from no_outputs import NoOutputs
+from no_outputs import KeptOutputs
 
 from posefuse.calibration.keypoints import limb_keypoints
 from posefuse.core import Detections2D, LiveDetections, LivePose, Rig
@@ -88,20 +88,9 @@ class KnownWatch(RigWatch):
         return super().corrected(view, followed=2)
 
 
-class Kept(NoOutputs):
-    """Outputs that keep what they were given."""
-
-    def __init__(self) -> None:
-        super().__init__()
-        self.offered: list[object] = []
-
-    def offer(self, message: object) -> None:
-        self.offered.append(message)
-
-
-def session(rig: Rig, seen: list[Detections2D], scale: float | None) -> tuple[Fusion, list[object]]:
+def session(rig: Rig, seen: list[Detections2D], scale: float | None) -> tuple[Fusion, KeptOutputs]:
     """A session with these views, an output 50 times a second."""
-    clock, kept = SimpleNamespace(now_ns=lambda: clock.now), Kept()
+    clock, kept = SimpleNamespace(now_ns=lambda: clock.now), KeptOutputs()
     watch = KnownWatch(Watched(noise_scale=scale))
     fusion = Fusion(rig, warmed_up(rig, COCO17, CONFIG), lambda _: None, clock, kept, watch=watch)
     due_ns = seen[0].t_ns
@@ -112,13 +101,13 @@ def session(rig: Rig, seen: list[Detections2D], scale: float | None) -> tuple[Fu
             fusion.estimator.check()
             due_ns += S // 50
         fusion.take(SeenView(detections=view, state=None, received_ns=clock.now, started_ns=clock.now, detected_ns=clock.now))
-    return fusion, kept.offered
+    return fusion, kept
 
 
-def nees(offered: list[object]) -> float:
+def nees(kept: KeptOutputs) -> float:
     """Of the poses from the second second on."""
     found = []
-    for pose in (one.pose for one in offered if isinstance(one, LivePose)):
+    for pose in kept.poses():
         if pose.t_ns > 1001 * S and len(pose.person_id):
             off = pose.xyz_world[0] - place(pose.t_ns / S - 1000)
             found.append(np.einsum("ki,kij,kj->k", off, np.linalg.inv(pose.cov_world[0]), off).mean())
@@ -135,9 +124,9 @@ def test_with_it_the_stated_covariance_is_nearer_to_the_errors(factor: float, ri
 
 def test_what_is_recorded_is_scaled_so_a_replay_gives_the_same_poses(ring_rig: Callable[..., Rig]) -> None:
     rig = ring_rig(4)
-    fusion, offered = session(rig, views(rig, STATED_PX)[:600], 1.4)
+    fusion, kept = session(rig, views(rig, STATED_PX)[:600], 1.4)
     again, recorded = warmed_up(rig, COCO17, CONFIG), 0
-    for message in offered:
+    for message in kept.offered:
         if isinstance(message, LiveDetections):
             np.testing.assert_array_equal(message.detections.sigma_px, np.float32(STATED_PX) * np.float32(1.4))
             again.add(message.detections)

@@ -8,7 +8,7 @@ from posefuse.cli import main as cli
 @pytest.mark.parametrize(
     ("options", "words"),
     [
-        (("--output", "nothing"), "no plug-in 'nothing'"),
+        (("--output", "nothing"), "no plug-in 'nothing' among live_outputs; there are: "),
         (("--output", "osc"), "live_outputs osc: to: missing"),
         (("--output", "lsl", "--set", "outputs.lsl.speed=3"), "unknown key 'speed'"),
         (("--set", "outputs.osc.to=[]"), "to:"),

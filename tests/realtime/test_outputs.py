@@ -376,7 +376,7 @@ def test_a_full_disk_is_reported_and_recording_continues_after_space_is_freed(sm
         assert fed.events() == [("record", FAILED)]
         assert fed.outputs.events[0].text == f"{disk / 'live.mcap'}: No space left on device"
         [line] = health_lines(LiveHealth(t_ns=0, cameras={}, outputs=fed.outputs.health))
-        assert (line.name, line.level) == ("output record", 2) and "No space" in line.text
+        assert (line.name, line.level) == ("posefuse: output record", 2) and "No space" in line.message
         ballast.unlink()
         until(lambda: fed.state() == OK, fed.feed)
         until(lambda: fed.taken() > fed.count // 2, fed.feed)
@@ -385,7 +385,7 @@ def test_a_full_disk_is_reported_and_recording_continues_after_space_is_freed(sm
     assert fed.outputs.failed
     assert sorted(path.name for path in disk.iterdir()) == ["live.2.mcap", "live.mcap"]
     [line] = health_lines(LiveHealth(t_ns=0, cameras={}, outputs=fed.outputs.health))
-    assert line.level == 1 and "continues after 1 failures, the last" in line.text
+    assert line.level == 1 and "continues after 1 failures, the last" in line.message
     said: list[str] = []
     assert len(list(read_poses(disk / "live.mcap", warn=said.append))) > 50
     assert len(said) == 1

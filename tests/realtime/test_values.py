@@ -5,6 +5,7 @@ import socket
 import threading
 import time
 from dataclasses import replace
+from pathlib import Path
 from types import SimpleNamespace
 
 import built
@@ -14,7 +15,7 @@ from built import admitted, camera_state
 from no_outputs import NoOutputs
 
 from posefuse.api.live_run import write_latency_report
-from posefuse.core import CameraHealth, Detections2D, Frame, Pose3D, Skeleton, SourceError
+from posefuse.core import CameraHealth, Detections2D, Frame, Skeleton, SourceError
 from posefuse.foundation.channel import Channel, ChannelClosed
 from posefuse.health.cameras import Monitor
 from posefuse.health.misalignment import CommonTimeSteps
@@ -29,15 +30,6 @@ from posefuse.sources.live.stream import StampClock
 S = 1_000_000_000
 SKELETON = Skeleton("five", ("a", "b", "c", "d", "e"))
 PERIOD_NS = S // 30
-
-
-def pose_at(t_ns: int, people: int = 2, seed: int = 3) -> Pose3D:
-    rng = np.random.default_rng(seed)
-    k = len(SKELETON)
-    root = rng.normal(size=(people, k, 3, 3)) * 0.03
-    cov = root @ np.swapaxes(root, -1, -2) + 1e-5 * np.eye(3)
-    xyz = rng.normal(size=(people, k, 3)) * 0.4 + [0, 0, 1.0]
-    return built.pose(xyz, t_ns=t_ns, skeleton=SKELETON, cov=cov)
 
 
 def seen_at(camera: str, t_ns: int, received_ns: int, still: int = 0) -> SeenView:
@@ -55,8 +47,8 @@ def seen_at(camera: str, t_ns: int, received_ns: int, still: int = 0) -> SeenVie
 
 
 def test_what_is_expected_is_carried_on_to_the_time_of_a_frame() -> None:
-    pose, velocity = pose_at(7 * S), np.full((2, 5, 3), 0.5)
-    np.testing.assert_allclose(Expected(7 * S, pose.xyz_world, velocity).at(7 * S + S // 10), pose.xyz_world + 0.05)
+    xyz, velocity = np.random.default_rng(3).normal(size=(2, 5, 3)), np.full((2, 5, 3), 0.5)
+    np.testing.assert_allclose(Expected(7 * S, xyz, velocity).at(7 * S + S // 10), xyz + 0.05)
 
 
 # --- which camera is ill
@@ -184,16 +176,21 @@ def test_stages_add_up_to_the_total() -> None:
     assert figures["b"]["total"]["n"] == 0
 
 
+def reported(latencies: Latencies, folder: Path) -> Path:
+    """The page of a session with these latencies."""
+    fusion = SimpleNamespace(latencies=latencies, rig=SimpleNamespace(names=tuple(latencies.stages), id="r"))
+    figures = {"latency": latencies.figures(), "events": [], "output_events": []}
+    write_latency_report(folder, SimpleNamespace(fusion=fusion, zero_ns=0), figures)
+    return folder / "latency.html"
+
+
 def test_the_page_draws_one_spike_per_view_on_one_scale(tmp_path, read_page) -> None:
     latencies = Latencies(("a", "b", "silent"))
     for i in range(100):
         late_ns = 900_000_000 if i == 50 else 30_000_000
         for name in ("a", "b"):
             latencies.view_out(ViewTimes(name, i * PERIOD_NS, 0, 0, 0, 0), i * PERIOD_NS + late_ns)
-    fusion = SimpleNamespace(latencies=latencies, rig=SimpleNamespace(names=("a", "b", "silent"), id="r"))
-    figures = {"latency": latencies.figures(), "events": [], "output_events": []}
-    write_latency_report(tmp_path, SimpleNamespace(fusion=fusion, zero_ns=0), figures)
-    plots = read_page(tmp_path / "latency.html").data["plots"]
+    plots = read_page(reported(latencies, tmp_path)).data["plots"]
     assert [plot["title"][-16:] for plot in plots] == ["highest 900.0 ms", "highest 900.0 ms", "silent: no view"[-16:]]
     for plot in plots[:2]:
         usual, high = plot["series"][:2]
@@ -204,12 +201,7 @@ def test_the_page_draws_one_spike_per_view_on_one_scale(tmp_path, read_page) -> 
 
 
 def test_a_session_without_views_has_a_page(tmp_path, read_page) -> None:
-    latencies = Latencies(("a",))
-    fusion = SimpleNamespace(latencies=latencies, rig=SimpleNamespace(names=("a",), id="r"))
-    write_latency_report(
-        tmp_path, SimpleNamespace(fusion=fusion, zero_ns=0), {"latency": latencies.figures(), "events": [], "output_events": []}
-    )
-    assert "No view reached an output" in read_page(tmp_path / "latency.html").text
+    assert "No view reached an output" in read_page(reported(Latencies(("a",)), tmp_path)).text
 
 
 # --- between processes
@@ -357,16 +349,16 @@ def test_a_video_begins_again_at_every_turn(ring_rig, demo_session) -> None:
     capture = Capture(replace(entry, loop_s=0.3), ring_rig(2)["cam00"], threading.Condition())
     capture.begin(time.monotonic_ns())
     taken, end_s = [], time.monotonic() + 20
-    while len({caught.later_ns for caught in taken}) < 3 and time.monotonic() < end_s:
+    while len({caught.shift_ns for caught in taken}) < 3 and time.monotonic() < end_s:
         time.sleep(0.01)
         taken += [caught] if (caught := capture.take()) else []
     capture.close()
-    turns = {caught.later_ns for caught in taken}
+    turns = {caught.shift_ns for caught in taken}
     assert len(turns) == 3
     # half a second between two showings, which keeps the rig watch from comparing across it
     assert all(later_ns % (8 * S // 10) == 0 for later_ns in turns)
     assert all(caught.arrived.t_ns < 3 * S // 10 for caught in taken)
-    times = [caught.arrived.t_ns + caught.later_ns for caught in taken]
+    times = [caught.t_ns for caught in taken]
     assert times == sorted(times)
 
 

@@ -8,12 +8,11 @@ import json
 import sys
 import time
 import uuid
-from dataclasses import dataclass
 
 from cyclonedds.builtin import BuiltinDataReader, BuiltinTopicDcpsParticipant, BuiltinTopicDcpsPublication
 from cyclonedds.core import Qos
 from cyclonedds.domain import Domain, DomainParticipant
-from cyclonedds.idl import IdlStruct
+from cyclonedds.idl import make_idl_struct
 from cyclonedds.idl.annotations import final
 from cyclonedds.idl.types import array, bounded_str, float32, float64, int32, sequence, uint8, uint32, uint64
 from cyclonedds.pub import DataWriter
@@ -23,106 +22,29 @@ from cyclonedds.topic import Topic
 from cyclonedds.util import duration
 
 
-@final
-@dataclass
-class Time(IdlStruct, typename="builtin_interfaces.msg.dds_.Time_"):
-    sec: int32
-    nanosec: uint32
+def struct(typename, **fields):
+    return final(make_idl_struct(typename.rsplit(".", 1)[1], typename, fields))
 
 
-@final
-@dataclass
-class Header(IdlStruct, typename="std_msgs.msg.dds_.Header_"):
-    stamp: Time
-    frame_id: str
-
-
-@final
-@dataclass
-class Vector3(IdlStruct, typename="geometry_msgs.msg.dds_.Vector3_"):
-    x: float64
-    y: float64
-    z: float64
-
-
-@final
-@dataclass
-class Quaternion(IdlStruct, typename="geometry_msgs.msg.dds_.Quaternion_"):
-    x: float64
-    y: float64
-    z: float64
-    w: float64
-
-
-@final
-@dataclass
-class Transform(IdlStruct, typename="geometry_msgs.msg.dds_.Transform_"):
-    translation: Vector3
-    rotation: Quaternion
-
-
-@final
-@dataclass
-class TransformStamped(IdlStruct, typename="geometry_msgs.msg.dds_.TransformStamped_"):
-    header: Header
-    child_frame_id: str
-    transform: Transform
-
-
-@final
-@dataclass
-class TFMessage(IdlStruct, typename="tf2_msgs.msg.dds_.TFMessage_"):
-    transforms: sequence[TransformStamped]
-
-
-@final
-@dataclass
-class Gid(IdlStruct, typename="rmw_dds_common.msg.dds_.Gid_"):
-    data: array[uint8, 16]
-
-
-@final
-@dataclass
-class NodeInfo(IdlStruct, typename="rmw_dds_common.msg.dds_.NodeEntitiesInfo_"):
-    node_namespace: bounded_str[256]
-    node_name: bounded_str[256]
-    reader_gid_seq: sequence[Gid]
-    writer_gid_seq: sequence[Gid]
-
-
-@final
-@dataclass
-class Graph(IdlStruct, typename="rmw_dds_common.msg.dds_.ParticipantEntitiesInfo_"):
-    gid: Gid
-    node_entities_info_seq: sequence[NodeInfo]
-
-
-@final
-@dataclass
-class Stage(IdlStruct, typename="posefuse_msgs.msg.dds_.Stage_"):
-    name: str
-    stamp: Time
-
-
-@final
-@dataclass
-class Detections2D(IdlStruct, typename="posefuse_msgs.msg.dds_.Detections2D_"):
-    header: Header
-    camera: str
-    skeleton: str
-    keypoints: sequence[str]
-    people: uint32
-    xy_px: sequence[float32]
-    score: sequence[float32]
-    sigma_px: sequence[float32]
-    box_px: sequence[float32]
-    clothing_lab: sequence[float32]
-    depth_m: sequence[float32]
-    stages: sequence[Stage]
-    captured: uint64
-    used: uint64
-
-
+Time = struct("builtin_interfaces.msg.dds_.Time_", sec=int32, nanosec=uint32)
+Header = struct("std_msgs.msg.dds_.Header_", stamp=Time, frame_id=str)
+Vector3 = struct("geometry_msgs.msg.dds_.Vector3_", x=float64, y=float64, z=float64)
+Quaternion = struct("geometry_msgs.msg.dds_.Quaternion_", x=float64, y=float64, z=float64, w=float64)
+Transform = struct("geometry_msgs.msg.dds_.Transform_", translation=Vector3, rotation=Quaternion)
+TransformStamped = struct("geometry_msgs.msg.dds_.TransformStamped_", header=Header, child_frame_id=str, transform=Transform)
+TFMessage = struct("tf2_msgs.msg.dds_.TFMessage_", transforms=sequence[TransformStamped])
+Gid = struct("rmw_dds_common.msg.dds_.Gid_", data=array[uint8, 16])
+NodeInfo = struct(
+    "rmw_dds_common.msg.dds_.NodeEntitiesInfo_", node_namespace=bounded_str[256], node_name=bounded_str[256],
+    reader_gid_seq=sequence[Gid], writer_gid_seq=sequence[Gid],
+)  # fmt: skip
+Graph = struct("rmw_dds_common.msg.dds_.ParticipantEntitiesInfo_", gid=Gid, node_entities_info_seq=sequence[NodeInfo])
+Stage = struct("posefuse_msgs.msg.dds_.Stage_", name=str, stamp=Time)
+Detections2D = struct(
+    "posefuse_msgs.msg.dds_.Detections2D_", header=Header, camera=str, skeleton=str, keypoints=sequence[str], people=uint32,
+    xy_px=sequence[float32], score=sequence[float32], sigma_px=sequence[float32], box_px=sequence[float32],
+    clothing_lab=sequence[float32], depth_m=sequence[float32], stages=sequence[Stage], captured=uint64, used=uint64,
+)  # fmt: skip
 RELIABLE = Policy.Reliability.Reliable(duration(seconds=1))
 XCDR1 = Policy.DataRepresentation(use_cdrv0_representation=True)
 

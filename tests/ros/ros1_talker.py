@@ -9,8 +9,9 @@ from pathlib import Path
 sys.path.append(sys.argv[1])
 
 from posefuse.core import PosefuseError
+from posefuse_ros.messages import diagnostic_status
 from posefuse_ros.ros1 import Ros1Node
-from posefuse_ros.ros_output import Health, RosOutput
+from posefuse_ros.ros_output import RosOutput
 
 pose, rig = pickle.loads(Path(sys.argv[2]).read_bytes())
 try:
@@ -19,7 +20,7 @@ try:
         output.start(0)
         while True:
             output.step(pose)
-            output.diagnose(pose.t_ns, [Health("camera cam00", 1, "slow")])
+            output.diagnose(pose.t_ns, [diagnostic_status("camera cam00", 1, "slow")])
             time.sleep(0.02)
 except PosefuseError as error:
     print(type(error).__name__, error)

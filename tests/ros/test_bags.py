@@ -6,8 +6,8 @@ from posefuse.core import SKELETONS, InputError, MessageError, PoseSequence, Sou
 from posefuse.evaluation.contracts import check_output
 from posefuse_ros import bags, topics
 from posefuse_ros.mcap_output import McapSink, recorded_ns
-from posefuse_ros.messages import message_from_detections, message_from_pose
-from posefuse_ros.ros_output import Health, RosOutput
+from posefuse_ros.messages import diagnostic_status, message_from_detections, message_from_pose
+from posefuse_ros.ros_output import RosOutput
 from posefuse_ros.topics import Topic
 from posefuse_ros.types import message
 
@@ -25,7 +25,7 @@ def made(tmp_path, some_detections, some_pose, some_joints, ring_rig):
             recorder.publish(topics.DETECTIONS, message_from_detections(view, {"captured": view.t_ns}), view.t_ns)
         for pose in poses:
             output.step(pose, some_joints, {"fused": pose.t_ns})
-        output.diagnose(poses[-1].t_ns, [Health("camera a", 0, "fine")])
+        output.diagnose(poses[-1].t_ns, [diagnostic_status("camera a", 0, "fine")])
     return path, views, poses
 
 

@@ -41,14 +41,12 @@ def peer(what, domain_id):
 
 @pytest.fixture
 def local():
-    """Networks that never leave the machine; the domain keeps test runs at the same time apart."""
-    return lambda: Network(domain_id=own_domain(), local_only=True)
+    """A network that never leaves the machine; the domain keeps test runs at the same time apart."""
+    return Network(domain_id=own_domain(), local_only=True)
 
 
-@pytest.fixture
-def seen_by_a_stranger(local, standing, ring_rig):
-    network = local()
-    with RosNode("/lab/fusion", network) as node, peer("look", network.domain_id) as process:
+def test_a_stranger_reads_and_sees_everything(local, standing, ring_rig):
+    with RosNode("/lab/fusion", local) as node, peer("look", local.domain_id) as process:
         output = RosOutput(node, ring_rig(2))
         output.start(0)
         done = threading.Event()
@@ -66,11 +64,7 @@ def seen_by_a_stranger(local, standing, ring_rig):
             done.set()
             thread.join(10)
             process.kill()
-    return json.loads(out)
-
-
-def test_a_stranger_reads_and_sees_everything(seen_by_a_stranger):
-    found = seen_by_a_stranger
+    found = json.loads(out)
     assert found["tf"] == ["world", "body_p1", 5, pytest.approx(0.9)]
     assert found["tf_static"] == ["cam00_optical_frame", "cam01_optical_frame"]
     writers = found["writers"]
@@ -88,12 +82,11 @@ def test_a_stranger_reads_and_sees_everything(seen_by_a_stranger):
 
 
 def test_strangers_messages_are_refused_and_counted_and_the_good_ones_kept(local):
-    network = local()
     intake = Intake(messages.DETECTIONS_TYPE, messages.detections_from_message)
-    with RosNode("fusion", network) as node:
+    with RosNode("fusion", local) as node:
         reader = node.reader(topics.DETECTIONS)
         good, why, raws = [], set(), set()
-        with peer("shout", network.domain_id) as process:
+        with peer("shout", local.domain_id) as process:
             end = time.monotonic() + 30
             while len(good) < 5 and time.monotonic() < end:
                 node.wait(0.2)
@@ -125,7 +118,7 @@ def test_strangers_messages_are_refused_and_counted_and_the_good_ones_kept(local
 
 
 def test_bytes_that_are_not_of_the_type_are_never_sent(local):
-    with RosNode("one", local()) as node:
+    with RosNode("one", local) as node:
         raw = encode(message("std_msgs/msg/String", data="hello"))
         with pytest.raises(SourceError, match="could not write"):
             node.writer(topics.DETECTIONS).write(raw)
@@ -134,7 +127,7 @@ def test_bytes_that_are_not_of_the_type_are_never_sent(local):
 def test_a_reader_that_holds_everything_up_costs_messages_not_the_session(local, monkeypatch):
     from cyclonedds import _clayer
 
-    with RosNode("one", local()) as node:
+    with RosNode("one", local) as node:
         writer = node.writer(topics.POSE)
         monkeypatch.setattr(_clayer, "ddspy_write", lambda ref, raw: -10)
         writer.write(b"")
@@ -142,14 +135,13 @@ def test_a_reader_that_holds_everything_up_costs_messages_not_the_session(local,
 
 
 def test_nodes_of_one_process_share_a_domain_if_they_agree_on_the_network(local):
-    network = local()
-    with RosNode("one", network), RosNode("two", network), pytest.raises(SourceError, match="open in this process as"):
-        RosNode("three", Network(domain_id=network.domain_id, local_only=True, fragment_bytes=1300))
-    RosNode("four", Network(domain_id=network.domain_id, local_only=True, fragment_bytes=1300)).close()
+    with RosNode("one", local), RosNode("two", local), pytest.raises(SourceError, match="open in this process as"):
+        RosNode("three", Network(domain_id=local.domain_id, local_only=True, fragment_bytes=1300))
+    RosNode("four", Network(domain_id=local.domain_id, local_only=True, fragment_bytes=1300)).close()
 
 
 def test_nothing_leaves_and_nothing_waits_without_a_reader(local):
-    with RosNode("lonely", local()) as node:
+    with RosNode("lonely", local) as node:
         writer = node.writer(topics.preview("cam 1"))
         assert writer.readers() == 0
         raw = encode(
@@ -161,10 +153,9 @@ def test_nothing_leaves_and_nothing_waits_without_a_reader(local):
 
 
 def test_a_message_larger_than_a_datagram_arrives_whole(local):
-    network = local()
     payload = np.random.default_rng(0).integers(0, 256, 2_000_000, np.uint8)
     topic = topics.Topic("/big", "sensor_msgs/msg/CompressedImage", depth=2)
-    with RosNode("self", network) as node:
+    with RosNode("self", local) as node:
         reader = node.reader(topic)
         msg = message("sensor_msgs/msg/CompressedImage", header=messages.header(7, "f"), format="raw", data=payload)
         node.publish(topic, msg, 0)
@@ -174,8 +165,7 @@ def test_a_message_larger_than_a_datagram_arrives_whole(local):
 
 
 def test_topics_of_others_with_their_types(local):
-    network = local()
-    with RosNode("self", network) as node:
+    with RosNode("self", local) as node:
         node.writer(topics.POSE)
         until(node.topics)
         assert node.topics() == {"/posefuse/pose": {"posefuse_msgs/msg/Pose3D"}}

@@ -3,6 +3,7 @@ import dataclasses
 import numpy as np
 import pytest
 from built import camera_state
+from checks import assert_same
 
 from posefuse.core import MessageError, Skeleton
 from posefuse_ros import messages
@@ -16,22 +17,11 @@ def over_the_wire(msg):
     return decode(encode(msg), msg.__msgtype__, 2**20)
 
 
-def assert_equal_values(a, b, skip=()):
-    for field in dataclasses.fields(a):
-        if field.name not in skip:
-            x, y = getattr(a, field.name), getattr(b, field.name)
-            if isinstance(x, np.ndarray):
-                assert x.dtype == y.dtype
-                np.testing.assert_array_equal(x, y, err_msg=field.name)
-            else:
-                assert x == y, field.name
-
-
 @pytest.mark.parametrize(("people", "deep"), [(0, False), (1, False), (3, True)])
 def test_detections_come_back_exactly(some_detections, people, deep):
     sent = with_depth(some_detections(people)) if deep else some_detections(people)
     back, stages = messages.detections_from_message(over_the_wire(messages.message_from_detections(sent, STAGES)))
-    assert_equal_values(sent, back)
+    assert_same(sent, back)
     assert stages == STAGES
     assert back.skeleton.bones  # the one we know, bones included
 
@@ -47,7 +37,7 @@ def with_depth(sent):
 def test_poses_come_back_exactly(some_pose, people):
     sent = some_pose(people)
     back, stages = messages.pose_from_message(over_the_wire(messages.message_from_pose(sent, STAGES, "world")))
-    assert_equal_values(sent, back)
+    assert_same(sent, back)
     assert stages == STAGES
 
 

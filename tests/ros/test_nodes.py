@@ -127,7 +127,8 @@ def test_strangers_are_counted_and_never_handed_on(ring_rig) -> None:
                 stranger.publish(topics.DETECTIONS, message_from_detections(broken, {}), broken.t_ns)
                 time.sleep(0.05)
             assert writer.readers() > 0
-        known_skeleton = intake.first_skeleton(1.0)
+        assert intake._chosen.wait(1.0)
+        known_skeleton = intake.views.senders.skeleton
         got = [*intake.messages()]
     assert "elsewhere" in strangers
     assert "scores in 0..1" in counts.last_refusal

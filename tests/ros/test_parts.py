@@ -168,9 +168,8 @@ def test_parts_are_published_in_the_world(kept):
     assert cov.pose.covariance[0] == pytest.approx(0.5e-4, rel=1e-3)
     assert kept.on("/humans/bodies/p1/head/twist")[-1].twist.linear.x == 0
     assert kept.on("/humans/bodies/p1/position")[0].point.z == pytest.approx(0.9)
-    assert (
-        kept.on("/humans/bodies/p1/joint_states")[-1].velocity.size == kept.on("/humans/bodies/p1/joint_states")[-1].position.size
-    )
+    joints = kept.on("/humans/bodies/p1/joint_states")[-1]
+    assert joints.velocity.size == joints.position.size
 
 
 def test_covariance_and_velocity_of_parts_are_made_only_for_those_who_ask(kept, monkeypatch):
@@ -220,9 +219,7 @@ def test_the_model_with_the_joint_states_stands_where_the_person_was_seen():
         np.testing.assert_allclose(found[f"{link}_p1"][:3, :3], expected.matrix(), atol=1e-9, err_msg=link)
         if link in ("torso", "l_shoulder", "r_hip"):
             np.testing.assert_allclose(found[f"{link}_p1"][:3, 3], expected.xyz, atol=1e-4, err_msg=link)
-    assert {joint.get("name") for joint in ET.fromstring(urdf_text("p1", Sizes(*lengths[0].tolist()))).findall("joint")} >= set(
-        state
-    )
+    assert {joint.get("name") for joint in ET.fromstring(text).findall("joint")} >= set(state)
 
 
 def test_a_model_comes_once_the_person_is_known_and_again_when_lengths_change(kept):
@@ -285,38 +282,24 @@ def test_the_urdf_chain_points_limbs_where_they_were_seen(some_pose, seed):
     pose = dataclasses.replace(pose, xyz_world=np.random.default_rng(seed).normal(size=pose.xyz_world.shape))
     bodies = bodies_from_pose(pose)
     for n in range(3):
-        body = link(bodies, "body", n).matrix()
+        body, q = link(bodies, "body", n).matrix(), dict(zip(JOINTS, bodies.position_rad[n].tolist(), strict=True))
         for side, short, s in (("left", "l", 1), ("right", "r", -1)):
-
-            def at(part, n=n, side=side):
-                return pose.xyz_world[n, pose.skeleton.index(f"{side}_{part}")]
-
-            def q(name, n=n, short=short):
-                return joint(bodies, name.format(short), n)
-
-            arm = (
-                body @ turned(-s * Z, q("{}_y_shoulder")) @ turned(s * X, q("{}_p_shoulder")) @ turned(s * Z, q("{}_r_shoulder"))
-            )
-            leg = body @ turned(-Z, q("{}_y_hip")) @ turned(s * X, q("{}_p_hip")) @ turned(-Y, q("{}_r_hip"))
-            chain = [
-                (arm, "shoulder", "elbow"),
-                (arm @ turned(-Y, q("{}_elbow")), "elbow", "wrist"),
-                (leg, "hip", "knee"),
-                (leg @ turned(-Y, q("{}_knee")), "knee", "ankle"),
-            ]
-            for rotation, near, far in chain:
-                bone = at(far) - at(near)
-                bend = {"wrist": q("{}_elbow"), "ankle": q("{}_knee")}.get(far, np.pi / 2)
+            y, p, r, elbow = (q[f"{short}_{name}"] for name in ("y_shoulder", "p_shoulder", "r_shoulder", "elbow"))
+            arm = body @ turned(-s * Z, y) @ turned(s * X, p) @ turned(s * Z, r)
+            y, p, r, knee = (q[f"{short}_{name}"] for name in ("y_hip", "p_hip", "r_hip", "knee"))
+            leg = body @ turned(-Z, y) @ turned(s * X, p) @ turned(-Y, r)
+            for rotation, near, far, bend in (
+                (arm, "shoulder", "elbow", np.pi / 2),
+                (arm @ turned(-Y, elbow), "elbow", "wrist", elbow),
+                (leg, "hip", "knee", np.pi / 2),
+                (leg @ turned(-Y, knee), "knee", "ankle", knee),
+            ):
+                start, end = (pose.xyz_world[n, pose.skeleton.index(f"{side}_{part}")] for part in (near, far))
                 nearly_straight = np.sin(abs(bend)) < np.sin(np.deg2rad(10))
-                off = np.linalg.norm(rotation @ -Z - bone / np.linalg.norm(bone))
+                off = np.linalg.norm(rotation @ -Z - (end - start) / np.linalg.norm(end - start))
                 assert off <= (2 * np.sin(np.deg2rad(10)) if nearly_straight else 1e-9)
                 np.testing.assert_allclose(link(bodies, f"{short}_{near}", n).matrix(), rotation, atol=1e-9)
-        head = (
-            body
-            @ turned(X, joint(bodies, "r_head", n))
-            @ turned(Z, joint(bodies, "y_head", n))
-            @ turned(-Y, joint(bodies, "p_head", n))
-        )
+        head = body @ turned(X, q["r_head"]) @ turned(Z, q["y_head"]) @ turned(-Y, q["p_head"])
         np.testing.assert_allclose(link(bodies, "head", n).matrix(), head, atol=1e-9)
 
 

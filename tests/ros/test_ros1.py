@@ -13,8 +13,9 @@ from ros1_master import wait_for_master
 
 from posefuse.core import DependencyError
 from posefuse_ros import ros1
+from posefuse_ros.messages import diagnostic_status
 from posefuse_ros.ros1 import ros1_bytes
-from posefuse_ros.ros_output import Health, RosOutput
+from posefuse_ros.ros_output import RosOutput
 from posefuse_ros.types import ros1_types
 
 HERE = Path(__file__).parent
@@ -64,7 +65,7 @@ def test_real_rosbag_reads_what_is_sent(tmp_path, kept, ros1_python, standing, r
     output = RosOutput(kept, ring_rig(2, distortion=(0.1, 0.2, 0.3, 0.4)))
     output.start(1_000_000_000)
     output.step(standing())
-    output.diagnose(6_000_000_000, [Health("camera a", 2, "gone", {"age": "3 s"})])
+    output.diagnose(6_000_000_000, [diagnostic_status("camera a", 2, "gone", {"age": "3 s"})])
     path = tmp_path / "a.bag"
     with pytest.importorskip("rosbags.rosbag1").Writer(path) as bag:
         made: dict = {}

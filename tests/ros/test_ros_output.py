@@ -5,8 +5,8 @@ import pytest
 
 from posefuse.core import CalibrationError
 from posefuse_ros import topics
-from posefuse_ros.messages import ns_from_time
-from posefuse_ros.ros_output import Health, RosOutput, body_id
+from posefuse_ros.messages import diagnostic_status, ns_from_time
+from posefuse_ros.ros_output import RosOutput, body_id
 
 
 def world_from_frames(transforms):
@@ -164,7 +164,7 @@ def test_markers_continue_after_a_gap_and_after_time_was_set_back(kept, standing
 
 
 def test_diagnostics(kept):
-    RosOutput(kept, epoch_offset_ns=5).diagnose(10, [Health("camera cam02", 2, "no frames for 3 s", {"rate": "0 Hz"})])
+    RosOutput(kept, epoch_offset_ns=5).diagnose(10, [diagnostic_status("camera cam02", 2, "no frames for 3 s", {"rate": "0 Hz"})])
     (msg,) = kept.on("/diagnostics")
     assert (msg.status[0].level, msg.status[0].name, msg.status[0].values[0].value) == (2, "posefuse: camera cam02", "0 Hz")
     assert ns_from_time(msg.header.stamp) == 15

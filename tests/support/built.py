@@ -253,7 +253,7 @@ def camera_state(camera: str, captured: int, used: int, **others: Any) -> "Camer
     """Of a camera that runs; frames that were not used were replaced by newer ones."""
     from posefuse.health.cameras import CameraState
 
-    stated = {"state": "running", "text": "", "replaced": captured - used, "missing": 0}
+    stated = {"state": "running", "replaced": captured - used}
     return CameraState(camera=camera, captured=captured, used=used, **(stated | others))
 
 

@@ -225,16 +225,15 @@ def live_figures(done: Finished) -> dict[str, Any]:
     cameras: dict[str, dict[str, Any]] = {}
     for name in fusion.rig.names:
         source = fusion.monitor.source(name)
-        captured = source.captured if source else 0
         health = fusion.estimator.tracker.health[name]
         verdict = fusion.verdicts.get(name)
         cameras[name] = {
             "state": verdict.state if verdict else "opening",
-            "captured": captured,
+            "captured": source.captured,
             "used": fusion.used[name],
-            "used_share": fusion.used[name] / captured if captured else float("nan"),
-            "replaced": source.replaced if source else 0,
-            "missing": source.missing if source else 0,
+            "used_share": fusion.used[name] / source.captured if source.captured else float("nan"),
+            "replaced": source.replaced,
+            "missing": source.missing,
             "refused": fusion.monitor.refused(name),
             "innovation_sigmas": health.innovation_sigmas,
             "gated_share": health.gated_share,

@@ -126,7 +126,7 @@ class Playback(Closing, Generic[R]):
         """The time step nearest to a time."""
         return nearest(self.recording.poses.t_ns, t_ns)
 
-    def at(self, camera: str, t_ns: int, width_px: int, *, quality: int = JPEG_QUALITY) -> PlaybackStep | None:
+    def at(self, camera: str, t_ns: int, width_px: int) -> PlaybackStep | None:
         """What a camera saw nearest to a time; None where it has no frame there.
 
         Args:
@@ -146,7 +146,7 @@ class Playback(Closing, Generic[R]):
         detected_px, projected_px = ((xy + 0.5) * scale - 0.5 for xy in (detected, projected))
         return PlaybackStep(
             t_ns=shown_ns,
-            jpeg=jpeg_of(tile, quality),
+            jpeg=jpeg_of(tile, JPEG_QUALITY),
             size_wh=(tile.shape[1], tile.shape[0]),
             detected_px=detected_px,
             projected_px=projected_px,

@@ -13,7 +13,7 @@ import numpy as np
 
 from posefuse.core import Detections2D, Skeleton
 from posefuse.core.arrays import Array
-from posefuse.core.skeleton import LIMB_ENDS
+from posefuse.core.skeleton import LIMB_ENDS, SIDES
 from posefuse.core.values import UNSEEN
 
 from .candidates import Assignment
@@ -45,7 +45,7 @@ def body_lengths_m(xyz_world: Array, skeleton: Skeleton) -> Array:
     """(N, 7) upper arm, forearm, thigh, shank, side of the trunk, shoulder width, hip width of poses (N, K, 3); NaN unknown."""
     place = {name: i for i, name in enumerate(skeleton.keypoints)}
     columns = []
-    pairs = [[(f"{side}_{a}", f"{side}_{b}") for side in ("left", "right")] for a, b in _SIDED]
+    pairs = [[(f"{side}_{a}", f"{side}_{b}") for side in SIDES] for a, b in _SIDED]
     pairs += [[(f"left_{name}", f"right_{name}")] for name in _GIRDLES]
     for ends in pairs:
         lengths = np.stack([_length(xyz_world, place, *pair) for pair in ends])

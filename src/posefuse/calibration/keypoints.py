@@ -7,11 +7,10 @@ from collections.abc import Sequence
 import numpy as np
 
 from posefuse.core.arrays import Array
+from posefuse.core.skeleton import SIDES
 
 # Limbs move most, so they carry most information; detectors mark the face even when it is not visible.
-_LIMBS = frozenset(
-    f"{side}_{part}" for side in ("left", "right") for part in ("shoulder", "elbow", "wrist", "hip", "knee", "ankle")
-)
+_LIMBS = frozenset(f"{side}_{part}" for side in SIDES for part in ("shoulder", "elbow", "wrist", "hip", "knee", "ankle"))
 # detector score from which a keypoint counts as seen
 MIN_SCORE = 0.5
 

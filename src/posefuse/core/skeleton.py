@@ -12,6 +12,7 @@ import numpy as np
 from .arrays import Array
 from .errors import ConfigError, choices
 
+SIDES = ("left", "right")
 # without side, and without the number of a point along a finger
 _LIMB_PARTS = (
     (
@@ -224,7 +225,7 @@ COCO_WHOLEBODY_133 = Skeleton(
     "coco_wholebody_133",
     (
         *ANATOMICAL23.keypoints, *_FACE,
-        *(f"{side}_{point}" for side in ("left", "right") for point in ("hand_root", *_FINGER_POINTS)),
+        *(f"{side}_{point}" for side in SIDES for point in ("hand_root", *_FINGER_POINTS)),
     ),
     ANATOMICAL23.bones
     + _both([("wrist", "hand_root"), *(("hand_root", f"{finger}1") for finger in _FINGERS), *_FINGER_BONES])
@@ -235,7 +236,7 @@ HALPE_136 = Skeleton(
     "halpe_136",
     (
         *HALPE_26.keypoints, *_FACE,
-        *(f"{side}_{point}" for side in ("left", "right") for point in ("hand_root", *_FINGER_POINTS)),
+        *(f"{side}_{point}" for side in SIDES for point in ("hand_root", *_FINGER_POINTS)),
     ),
     HALPE_26.bones + tuple(bone for bone in COCO_WHOLEBODY_133.bones if bone not in ANATOMICAL23.bones),
 )  # fmt: skip

@@ -14,7 +14,7 @@ from posefuse.core import Camera, ConfigError, Rig, ShapeError, Skeleton
 from posefuse.core.arrays import Array
 from posefuse.core.errors import choices
 from posefuse.core.lens import tilt_matrix
-from posefuse.core.skeleton import pick_keypoints
+from posefuse.core.skeleton import SIDES, pick_keypoints
 
 from .kernels import columns as at
 from .settings import WEIGHTS, FuseSettings, Weights
@@ -27,12 +27,11 @@ from .settings import WEIGHTS, FuseSettings, Weights
 # knee to the thigh); shoulders, hips, neck and mid-hip to the trunk. Face and head keypoints belong to none: a head is
 # round, w_o = 1.
 
-_SIDES = ("left", "right")
 _LIMBS = {"forearm": ("wrist", "elbow"), "upper_arm": ("elbow", "shoulder"), "shank": ("ankle", "knee"), "thigh": ("knee", "hip")}
 
 # segment -> (where its Z axis starts, where it points)
 SEGMENTS: dict[str, tuple[str, str]] = {"trunk": ("mid_hip", "neck")} | {
-    f"{side}_{limb}": (f"{side}_{start}", f"{side}_{end}") for side in _SIDES for limb, (start, end) in _LIMBS.items()
+    f"{side}_{limb}": (f"{side}_{start}", f"{side}_{end}") for side in SIDES for limb, (start, end) in _LIMBS.items()
 }
 
 _MEMBERS = {
@@ -47,8 +46,8 @@ _OF_TRUNK = ("shoulder", "shoulder_marker", "hip", "asis", "psis")
 
 # keypoint -> segment
 SEGMENT_OF: dict[str, str] = dict.fromkeys(
-    ("neck", "mid_hip", "sternum", "c7", "t6", "t11", "l2", *(f"{side}_{part}" for side in _SIDES for part in _OF_TRUNK)), "trunk"
-) | {f"{side}_{member}": f"{side}_{limb}" for side in _SIDES for limb, members in _MEMBERS.items() for member in members}
+    ("neck", "mid_hip", "sternum", "c7", "t6", "t11", "l2", *(f"{side}_{part}" for side in SIDES for part in _OF_TRUNK)), "trunk"
+) | {f"{side}_{member}": f"{side}_{limb}" for side in SIDES for limb, members in _MEMBERS.items() for member in members}
 
 
 @lru_cache(maxsize=16)

@@ -49,12 +49,12 @@ class CameraState:
     """
 
     camera: str
-    state: str
-    text: str
-    captured: int
-    used: int
-    replaced: int
-    missing: int
+    state: str = "opening"
+    text: str = ""
+    captured: int = 0
+    used: int = 0
+    replaced: int = 0
+    missing: int = 0
 
 
 @dataclass(frozen=True)
@@ -71,6 +71,7 @@ class Event:
 class _Watch:
     """What is remembered of one camera."""
 
+    source: CameraState
     ages_ns: deque[int] = field(default_factory=lambda: deque(maxlen=_USUAL_OF))
     strange_ns: deque[int] = field(default_factory=lambda: deque(maxlen=_AGREEING_LATE))
     shift_ns: int = 0
@@ -88,7 +89,6 @@ class _Watch:
     in_window: int = 0
     flooding_ns: int = -(10**18)
     flood_hz: float = 0.0
-    source: CameraState | None = None
     before: tuple[int, int, int] = (0, 0, 0)
     counted_ns: int = 0
     counted: int = 0
@@ -105,7 +105,7 @@ class Monitor:
     """
 
     def __init__(self, cameras: Iterable[str]) -> None:
-        self._watches = {name: _Watch() for name in cameras}
+        self._watches = {name: _Watch(CameraState(camera=name)) for name in cameras}
         self._verdicts = {name: CameraHealth("opening") for name in self._watches}
         self.events: deque[Event] = deque(maxlen=1000)
         self.event_count = 0
@@ -150,12 +150,12 @@ class Monitor:
             came = state.captured - captured
             watch.used_share = (state.used - used) / came if came > 0 and since_ns else 1.0
             watch.share_of = now_ns, state.captured, state.used
-        if watch.source is not None and state.captured > watch.source.captured:
+        last = watch.source
+        if state.captured > last.captured:
             watch.came_ns = now_ns
-        if watch.source is not None and state.captured < watch.source.captured:
+        if state.captured < last.captured:
             # its process was started again and counts from 0
             captured, replaced, missing = watch.before
-            last = watch.source
             watch.before = captured + last.captured, replaced + last.replaced, missing + last.missing
         watch.source = state
 
@@ -186,11 +186,9 @@ class Monitor:
         """Views not used, by reason."""
         return dict(self._watches[camera].refused)
 
-    def source(self, camera: str) -> CameraState | None:
+    def source(self, camera: str) -> CameraState:
         """The newest status of the camera's process, with counts over all processes it has had."""
         watch = self._watches[camera]
-        if watch.source is None:
-            return None
         captured, replaced, missing = watch.before
         return replace(
             watch.source,
@@ -201,12 +199,12 @@ class Monitor:
 
     def all_ended(self) -> bool:
         """Every source is over and will not come back."""
-        return all(watch.source is not None and watch.source.state == "ended" for watch in self._watches.values())
+        return all(watch.source.state == "ended" for watch in self._watches.values())
 
     def _verdict(self, watch: _Watch, now_ns: int, trouble: CameraHealth | None, otherwise: CameraHealth) -> CameraHealth:
         if trouble is not None:
             return trouble
-        if watch.source is not None and watch.source.state in ("ended", "lost"):
+        if watch.source.state in ("ended", "lost"):
             return CameraHealth(watch.source.state, watch.source.text)
         if now_ns - watch.flooding_ns < _S:
             return CameraHealth("flood", f"{watch.flood_hz:,.0f} frames/s; only the newest are used")

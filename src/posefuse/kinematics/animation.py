@@ -11,9 +11,10 @@ from scipy.spatial.transform import Rotation, Slerp
 
 from posefuse.core import InputError, JointAngles, PoseSequence
 from posefuse.core.arrays import Array
+from posefuse.core.skeleton import SIDES
 from posefuse.formats.bvh import BvhData
 
-from .sides import SIDES, landmarks
+from .sides import landmarks
 
 FILE_FROM_WORLD = np.array([[0.0, 1, 0], [0, 0, 1], [1, 0, 0]])
 FILE_FROM_SEGMENT = np.array([[0.0, 0, -1], [0, 1, 0], [1, 0, 0]])

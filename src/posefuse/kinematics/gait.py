@@ -15,8 +15,9 @@ import numpy as np
 
 from posefuse.core import PoseSequence
 from posefuse.core.arrays import Array
+from posefuse.core.skeleton import SIDES
 
-from .sides import SIDES, landmarks
+from .sides import landmarks
 
 _SLOWEST_M_S = 0.25
 _SMOOTH_S = 0.14

@@ -67,23 +67,27 @@ class Caught:
 
     Attributes:
         still: for how many frames in a row the image has not changed.
-        later_ns: when this showing of the source began, after the session's zero.
+        shift_ns: what is added to the frame's times for those of the session.
     """
 
     arrived: Arrived
     still: int
-    later_ns: int = 0
+    shift_ns: int = 0
+
+    @property
+    def t_ns(self) -> int:
+        """Session time of its exposure."""
+        return self.arrived.t_ns + self.shift_ns
 
 
 class Capture:
     """Frames of one camera from a thread of its own. `news` is notified of each new frame. `camera`: calibrated, or None."""
 
-    def __init__(
-        self, entry: LiveInput, camera: Camera | None, news: threading.Condition, keeper: VideoKeeper | None = None
-    ) -> None:
-        self.entry, self._camera, self._keeper = entry, camera, keeper
+    def __init__(self, entry: LiveInput, camera: Camera | None, news: threading.Condition) -> None:
+        self.entry, self._camera = entry, camera
+        self._keeper: VideoKeeper | None = None
         self._finishing: list[VideoKeeper] = []
-        self._zero_ns = self._session_zero_ns = 0
+        self._session_zero_ns = 0
         self._news = news
         self._newest: Caught | None = None
         self._source: Source | None = None
@@ -96,12 +100,8 @@ class Capture:
         """Open the source now, so that what is wrong shows at the start; raises SourceError."""
         self._source = self.entry.open(self._camera)
 
-    def keep(self, keeper: VideoKeeper) -> None:
-        """Give every frame to a video, too; before `begin`."""
-        self._keeper = keeper
-
     def exchange_keeper(self, keeper: VideoKeeper | None) -> None:
-        """Give every frame to another video from now on, or to none; the former one is finished meanwhile."""
+        """Give every frame to this video, too, from now on, or to none; a former one is finished meanwhile."""
         if keeper is not None:
             keeper.zero_ns = self._session_zero_ns
         before, self._keeper = self._keeper, keeper
@@ -111,16 +111,11 @@ class Capture:
 
     def begin(self, zero_ns: int, session_zero_ns: int = 0) -> None:
         """Let frames come; `session_zero_ns`: `zero_ns` on the session's clock: for videos, and sources on it."""
-        self._zero_ns, self._session_zero_ns = 0 if self.entry.from_zero else session_zero_ns, session_zero_ns
+        self._session_zero_ns = session_zero_ns
         if self._keeper is not None:
             self._keeper.zero_ns = session_zero_ns
         self._thread = threading.Thread(target=self._run, args=(zero_ns,), name=f"capture {self.entry.camera}", daemon=True)
         self._thread.start()
-
-    @property
-    def zero_ns(self) -> int:
-        """The session's zero in the time of the source's frames."""
-        return self._zero_ns
 
     def waiting(self) -> Caught | None:
         """The newest frame no one has taken yet; call with `news` held."""
@@ -192,8 +187,8 @@ class Capture:
         if self._source is None or self.entry.from_zero:
             self._source = self.entry.open(self._camera, zero_ns + later_ns)
         still, before = 0, None
-        # others may have counted before they were opened
-        seq = -1 if self.entry.from_zero else None
+        # others may have counted before they were opened, and are on the session's clock
+        seq, shift_ns = (-1, self._session_zero_ns + later_ns) if self.entry.from_zero else (None, 0)
         try:
             for frame in arriving(self._source):
                 if self._stop.is_set() or (self._period_ns and frame.t_ns >= self._period_ns - round(LOOP_PAUSE_S * 1e9)):
@@ -207,11 +202,12 @@ class Capture:
                 self._missing, self._earlier = self._missing + missing, self._earlier + earlier
                 seq = frame.seq
                 self._state, self._text = "running", ""
+                caught = Caught(frame, still, shift_ns)
                 # another thread may exchange it
                 if (keeper := self._keeper) is not None:
                     keeper.miss(missing)
-                    keeper.offer(frame.encoded or frame.pixels, frame.t_ns + later_ns - self._zero_ns)
-                self.put(Caught(frame, still, later_ns))
+                    keeper.offer(frame.encoded or frame.pixels, caught.t_ns - self._session_zero_ns)
+                self.put(caught)
         finally:
             self._source.close()
             self._source = None

@@ -196,9 +196,9 @@ class Fusion:
             source = self.monitor.source(name)
             total = self.latencies.stages[name]["total"]
             found[name] = {
-                "captured": source.captured if source else 0,
+                "captured": source.captured,
                 "used": self.used[name],
-                "replaced": source.replaced if source else 0,
+                "replaced": source.replaced,
                 "latency_p95_ms": total.quantile_ms(0.95),
                 "innovation_sigmas": health[name].innovation_sigmas,
                 "age_ms": health[name].age_s * 1000,

@@ -24,7 +24,6 @@ from posefuse.detection.build import DetectorChoice, build_detector
 from posefuse.foundation.channel import Channel, ChannelClosed
 from posefuse.foundation.platform import lower_priority
 from posefuse.outputs.drawing import jpeg_of, shrunk_wh
-from posefuse.sources.arriving import Arrived
 
 from .capture import SAMPLE_STEP, Capture, Caught, LiveInput, take_all
 from .messages import (
@@ -135,11 +134,10 @@ class GroupPlan:
 
 @dataclass(frozen=True, eq=False)
 class _Look:
-    """A frame that is looked at: what is added to its times for those of the session, when, and where people may be."""
+    """A frame that is looked at, when, and where people may be."""
 
     capture: Capture
     caught: Caught
-    shift_ns: int
     started_ns: int
     now_s: float
     regions: Sequence[Region] | None
@@ -183,9 +181,8 @@ class Group:
         self._news = threading.Condition()
         # why there is no video of a camera, empty where there is one or none is wanted
         self._not_made: dict[str, str] = {}
-        self._captures = [
-            Capture(entry, plan.rig[entry.camera], self._news, self._keeper(plan.videos, entry.camera)) for entry in plan.inputs
-        ]
+        self._captures = [Capture(entry, plan.rig[entry.camera], self._news) for entry in plan.inputs]
+        self._keep_videos(plan.videos)
         for capture in self._captures:
             capture.open()
         self.detector = build_detector(plan.detector, plan.rig)
@@ -196,7 +193,6 @@ class Group:
         self._skipped = dict.fromkeys(self._looked_s, 0)
         self._searches = {entry.camera: SearchSchedule() for entry in plan.inputs}
         self._status_s = 0.0
-        self._shift_ns: dict[str, int] = {}
 
     def run(self) -> None:
         """Wait for Go, then look at frames until Stop."""
@@ -204,8 +200,6 @@ class Group:
         if go is None:
             return
         for capture in self._captures:
-            zero = go.zero_ns + self._plan.clock.offset_ns if capture.entry.from_zero else 0
-            self._shift_ns[capture.entry.camera] = zero
             capture.begin(go.zero_ns, go.zero_ns + self._plan.clock.offset_ns)
         while not self._over:
             self._send_status()
@@ -291,19 +285,17 @@ class Group:
 
     def _asked(self, capture: Capture, caught: Caught, expected: Expected) -> _Look | None:
         """What to look for in a frame; None for one that is neither searched nor reported."""
-        name, arrived = capture.entry.camera, caught.arrived
-        shift_ns = self._shift_ns[name] + caught.later_ns
+        name = capture.entry.camera
         started_ns, now_s = self._plan.clock.now_ns(), time.monotonic()
         self._looked_s[name] = now_s
-        t_ns = arrived.t_ns + shift_ns
         followed = self._followed(expected)
         camera = self._plan.rig[name]
-        regions = self._regions(camera, t_ns, expected, started_ns) if followed else self._search_or_nothing(caught, now_s)
+        regions = self._regions(camera, caught.t_ns, expected, started_ns) if followed else self._search_or_nothing(caught, now_s)
         if not followed and regions is not None and now_s - self._sent_s[name] < _EMPTY_S:
             self._skipped[name] += 1
-            self._preview(arrived, t_ns)
+            self._preview(caught)
             return None
-        return _Look(capture, caught, shift_ns, started_ns, now_s, regions)
+        return _Look(capture, caught, started_ns, now_s, regions)
 
     def _detected(self, asked: Sequence[_Look]) -> list[Detections2D]:
         """Of each frame, in its own time; one without regions is not converted."""
@@ -324,24 +316,24 @@ class Group:
         return [with_clothing(one, frame.image) for one, frame in zip(found, frames, strict=True)]
 
     def _send(self, look: _Look, found: Detections2D) -> None:
-        name, arrived = look.camera, look.caught.arrived
-        shown = _in_session(found, look.shift_ns)
+        name, caught = look.camera, look.caught
+        shown = _in_session(found, caught.shift_ns)
         if look.regions is None:
-            sample = arrived.pixels.sample(SAMPLE_STEP)
+            sample = caught.arrived.pixels.sample(SAMPLE_STEP)
             self._searches[name].searched(sample, look.now_s, found=len(shown) > 0)
         seen = SeenView(
             detections=shown,
             state=look.capture.state(),
-            received_ns=arrived.received_ns + look.shift_ns,
+            received_ns=caught.arrived.received_ns + caught.shift_ns,
             started_ns=look.started_ns,
             detected_ns=self._plan.clock.now_ns(),
-            still=look.caught.still,
+            still=caught.still,
             skipped=self._skipped[name],
         )
         self._channel.send(seen, _SEND_S)
         self._sent_s[name] = look.now_s
         self._skipped[name] = 0
-        self._preview(arrived, shown.t_ns)
+        self._preview(caught)
 
     def _search_or_nothing(self, caught: Caught, now_s: float) -> Sequence[Region] | None:
         """Where to look while no person is followed: None asks for a search of the whole image."""
@@ -360,13 +352,13 @@ class Group:
         looks = [region_from_pose(camera, xyz, skeleton) for xyz in expected.at(t_ns)]
         return [look for look in looks if look is not None]
 
-    def _preview(self, arrived: Arrived, t_ns: int) -> None:
+    def _preview(self, caught: Caught) -> None:
         if self._plan.preview_hz <= 0:
             return
-        now = time.monotonic()
-        if now - self._previewed_s[arrived.camera] >= 1 / self._plan.preview_hz:
-            self._previewed_s[arrived.camera] = now
-            self._channel.send(preview_jpeg(arrived.frame(), t_ns))
+        now, camera = time.monotonic(), caught.arrived.camera
+        if now - self._previewed_s[camera] >= 1 / self._plan.preview_hz:
+            self._previewed_s[camera] = now
+            self._channel.send(preview_jpeg(caught.arrived.frame(), caught.t_ns))
 
     def _send_status(self) -> None:
         now = time.monotonic()

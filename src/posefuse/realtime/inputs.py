@@ -96,7 +96,9 @@ def _entries(argument: str, rig: Rig | None, ros: Mapping[str, Any]) -> list[Liv
         raise SourceError(f"source {argument}: no camera {camera!r} in the rig; there are: {choices(rig.names)}")
     kind, colon, rest = what.partition(":")
     if kind == "sim" and colon and rest:
-        return [_simulated(name, Path(rest)) for name in ([camera] if camera else _simulated_names(Path(rest), rig))]
+        config, path = _simulated_config(), Path(rest)
+        names = [camera] if camera else config.cameras(path) if rig is None else rig.names
+        return [LiveInput(name, kind, config(path, name), reopen=False) for name in names]
     if camera is None:
         raise SourceError(f"source {argument}: expected CAMERA=KIND:WHERE; e.g. {EXAMPLES}")
     if kind in ("realsense", "oak") and rest:
@@ -104,14 +106,6 @@ def _entries(argument: str, rig: Rig | None, ros: Mapping[str, Any]) -> list[Liv
     if kind.lower() == "ros" and rest:
         return [_ros_topic(camera, rest, rig, ros)]
     return [_camera_input(argument, camera, kind.lower(), what, rest)]
-
-
-def _simulated(camera: str, path: Path) -> LiveInput:
-    return LiveInput(camera, "sim", _simulated_config()(path, camera), reopen=False)
-
-
-def _simulated_names(path: Path, rig: Rig | None) -> tuple[str, ...]:
-    return _simulated_config().cameras(path) if rig is None else rig.names
 
 
 def _simulated_config() -> type[Any]:

@@ -94,20 +94,20 @@ class Groups:
         """Of the newest process of each group."""
         return [member.worker.pid for member in self._members]
 
-    def wait_ready(self, stopped: Sequence[str] = (), timeout_s: float = START_S) -> Skeleton:
+    def wait_ready(self, stopped: Sequence[str] = ()) -> Skeleton:
         """Wait for every group's sources and network.
 
         Raises:
             SourceError: a group that cannot begin, in its own words, or one that takes longer.
             KeyboardInterrupt: `stopped` has an entry.
         """
-        end_s = time.monotonic() + timeout_s
+        end_s = time.monotonic() + START_S
         for member in self._members:
             while member.marks is None:
                 if stopped:
                     raise KeyboardInterrupt
                 if time.monotonic() > end_s:
-                    raise SourceError(f"{member.words}: not ready within {timeout_s:g} s")
+                    raise SourceError(f"{member.words}: not ready within {START_S:g} s")
                 self._hear_ready(member)
         skeletons = {member.marks.skeleton for member in self._members if member.marks is not None}
         if len(skeletons) > 1:

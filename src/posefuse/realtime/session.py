@@ -78,8 +78,7 @@ class LivePlan:
 
 def closing_lines(fusion: Fusion) -> Iterator[str]:
     """What there is to report at the end of a session: that this machine was too slow, and why no person was ever tracked."""
-    sources = [source for name in fusion.rig.names if (source := fusion.monitor.source(name)) is not None]
-    came, images = sum(source.captured for source in sources), sum(fusion.used.values())
+    came, images = sum(fusion.monitor.source(name).captured for name in fusion.rig.names), sum(fusion.used.values())
     slow = images < LEAST_SHARE * came
     if slow:
         yield f"in all, {images / came:.0%} of the images were processed"

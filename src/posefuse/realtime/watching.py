@@ -97,7 +97,7 @@ class CameraFeed(Closing):
         self._videos: Path | None = None
         self._news = threading.Condition()
         # when the first frames were asked for, and when each camera had delivered one
-        self._begun_s = 0.0
+        self._begun_s, self._zero_ns = 0.0, 0
         self._all_s: float | None = None
         self._captures = [
             Capture(keeping_packets(entry) if packets else entry, None if rig is None else rig[entry.camera], self._news)
@@ -122,11 +122,12 @@ class CameraFeed(Closing):
         self._videos = videos
         for capture in self._captures:
             if videos is not None:
-                capture.keep(VideoKeeper(videos, capture.entry.camera))
+                capture.exchange_keeper(VideoKeeper(videos, capture.entry.camera))
         self._begun_s = time.monotonic()
-        zero_ns, clock = time.monotonic_ns(), SessionClock.begin()
+        zero_ns = time.monotonic_ns()
+        self._zero_ns = zero_ns + SessionClock.begin().offset_ns
         for capture in self._captures:
-            capture.begin(zero_ns, zero_ns + clock.offset_ns)
+            capture.begin(zero_ns, self._zero_ns)
 
     def close(self) -> None:
         """Close the sources and finish the videos; safe to call twice."""
@@ -159,7 +160,8 @@ class CameraFeed(Closing):
             for fed in frames if judged else ():
                 camera, now_s = self.cameras[fed.camera], time.monotonic()
                 if now_s - judged_s[camera] >= _REPORT_EVERY_S:
-                    judged_s[camera], found[camera] = now_s, image_warning(fed.frame.image)
+                    image = fed.frame.image
+                    judged_s[camera], found[camera] = now_s, exposure_warning(image) or focus_warning(image)
             since_s = time.monotonic() - reported
             over = over or (duration_s is not None and self.seconds() >= duration_s)
             news: tuple[CameraNews, ...] = ()
@@ -188,8 +190,8 @@ class CameraFeed(Closing):
         with self._news:
             taken = [capture.take() for capture in self._captures]
         return [
-            FedFrame(number, caught.arrived.t_ns + caught.later_ns - capture.zero_ns, caught.arrived.frame())
-            for number, (capture, caught) in enumerate(zip(self._captures, taken, strict=True))
+            FedFrame(number, caught.t_ns - self._zero_ns, caught.arrived.frame())
+            for number, caught in enumerate(taken)
             if caught is not None
         ]
 
@@ -272,11 +274,6 @@ def focus_warning(image: Array) -> str:
     if left > _MOST_LEFT:
         return f"perhaps out of focus: its edges are {left:.0%} as sharp after a blur of {_BLUR_PX:g} px; turn the focus ring"
     return ""
-
-
-def image_warning(image: Array) -> str:
-    """What is wrong with an RGB image (H, W, 3), and what to do; empty where nothing is."""
-    return exposure_warning(image) or focus_warning(image)
 
 
 def _state_warning(state: CameraState, rate_hz: float, usual_hz: float) -> str:

@@ -18,9 +18,10 @@ import numpy as np
 from posefuse.core import JointCentres, Kind, Pose3D, PoseSequence, Rig, Skeleton, ViewSequence
 from posefuse.core.arrays import Array
 from posefuse.core.joint_centres import JOINT_DIRECTIONS, SEGMENT_ENDS
+from posefuse.core.skeleton import SIDES
 from posefuse.core.view_sequences import PartsOfViews
 
-from .body_directions import SIDES, body_directions, keypoint_of, lengths_at, segment_lengths
+from .body_directions import body_directions, keypoint_of, lengths_at, segment_lengths
 from .sides import parts_of_steps, sides_that_differ, with_sides_exchanged
 
 Poses = TypeVar("Poses", Pose3D, PoseSequence)

@@ -20,7 +20,7 @@ import numpy as np
 
 from posefuse.core import SE3, Pose3D
 from posefuse.core.arrays import Array
-from posefuse.core.skeleton import pick_keypoints
+from posefuse.core.skeleton import SIDES, pick_keypoints
 
 LINKS = (
     "body", "torso", "head", "l_shoulder", "r_shoulder", "l_elbow", "r_elbow", "l_wrist", "r_wrist",
@@ -35,7 +35,7 @@ _STRAIGHT = float(np.sin(np.deg2rad(10.0)))
 # parts that there are two of, in the order of `POINTS`
 PARTS = ("shoulder", "elbow", "wrist", "hip", "knee", "ankle", "ear")
 # keypoints that a body is made of
-POINTS = tuple(f"{side}_{part}" for part in PARTS for side in ("left", "right")) + ("nose",)
+POINTS = tuple(f"{side}_{part}" for part in PARTS for side in SIDES) + ("nose",)
 # +1 left, -1 right: the URDF's `reflect`
 _SIDE = np.array([1.0, -1.0])
 

@@ -68,10 +68,7 @@ def twist(velocity: Array) -> Any:
 
 def point_stamped(t_ns: int, frame: str, xyz: Array) -> Any:
     """`geometry_msgs/PointStamped`."""
-    x, y, z = xyz.tolist()
-    return message(
-        "geometry_msgs/msg/PointStamped", header=header(t_ns, frame), point=message("geometry_msgs/msg/Point", x=x, y=y, z=z)
-    )
+    return message("geometry_msgs/msg/PointStamped", header=header(t_ns, frame), point=point(xyz.tolist()))
 
 
 def joint_state(one: str, position_rad: Array, velocity_rad_s: Array, t_ns: int) -> Any:
@@ -131,9 +128,14 @@ def _straight_px(camera: Camera, xyz_world: Array) -> Array:
 
 
 def _pose(pose: SE3) -> Any:
-    x, y, z = pose.xyz.tolist()
-    position = message("geometry_msgs/msg/Point", x=x, y=y, z=z)
-    return message("geometry_msgs/msg/Pose", position=position, orientation=quaternion(pose.wxyz.tolist()))
+    orientation = quaternion(pose.wxyz.tolist())
+    return message("geometry_msgs/msg/Pose", position=point(pose.xyz.tolist()), orientation=orientation)
+
+
+def point(xyz: Sequence[float]) -> Any:
+    """`geometry_msgs/Point`."""
+    x, y, z = xyz
+    return message("geometry_msgs/msg/Point", x=x, y=y, z=z)
 
 
 def vector(xyz: Sequence[float]) -> Any:

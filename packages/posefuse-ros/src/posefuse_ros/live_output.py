@@ -27,10 +27,10 @@ from . import topics
 from .camera_messages import info_from_camera, message_from_joint_centres
 from .dds import RosNode
 from .dds_domain import NetworkSettings, require_tested_cyclonedds
-from .messages import header, message_from_detections, message_from_pose, optical_frame
+from .messages import diagnostic_status, header, message_from_detections, message_from_pose, optical_frame
 from .rclpy_node import RclpyNode, ros2_is_sourced
 from .ros1 import Ros1Node
-from .ros_output import Health, RosOutput
+from .ros_output import RosOutput
 from .sim_time import ClockReader
 from .types import message
 
@@ -82,11 +82,7 @@ class Ros1Config:
 
     def build(self) -> LiveOutput:
         """Not yet opened."""
-        return RosLiveOutput("ros1", _ros1_node, "ROS 1", Ros2Config())
-
-
-def _ros1_node() -> Any:
-    return Ros1Node("posefuse")
+        return RosLiveOutput("ros1", lambda: Ros1Node("posefuse"), "ROS 1", Ros2Config())
 
 
 class RosLiveOutput:
@@ -160,22 +156,22 @@ def publish_preview(outlet: topics.Outlet, preview: LivePreview, rig: Rig) -> No
         outlet.publish(info, info_from_camera(camera, preview.t_ns), preview.t_ns)
 
 
-def health_lines(health: LiveHealth) -> list[Health]:
+def health_lines(health: LiveHealth) -> list[Any]:
     """One line of ROS diagnostics per camera and per output."""
     cameras = [
-        Health(f"camera {name}", _LEVELS.get(camera.state, _ERROR), camera.text or camera.state, _shown(camera.figures))
-        for name, camera in health.cameras.items()
+        diagnostic_status(f"camera {name}", _LEVELS.get(one.state, _ERROR), one.text or one.state, _shown(one.figures))
+        for name, one in health.cameras.items()
     ]
     return cameras + [_output_line(name, output) for name, output in health.outputs.items()]
 
 
-def _output_line(name: str, output: OutputHealth) -> Health:
+def _output_line(name: str, output: OutputHealth) -> Any:
     """An output that failed and continues stays a warning: a part of what it wrote is missing."""
     level, text = _LEVELS.get(output.state, _ERROR), output.text or output.state
     if level == _OK and output.failures:
         level, text = _WARNING, f"continues after {output.failures} failures, the last: {output.fault}"
     figures = {"taken": output.taken, "dropped": output.dropped, "failures": output.failures}
-    return Health(f"output {name}", level, text, {**_shown(figures), "where": output.where})
+    return diagnostic_status(f"output {name}", level, text, {**_shown(figures), "where": output.where})
 
 
 def _shown(figures: Any) -> dict[str, str]:

@@ -11,6 +11,7 @@ from posefuse.core import Detections2D, Kind, Pose3D, Rig
 from posefuse.core.arrays import Array
 from posefuse.core.palette import colour_of
 
+from .body_messages import point, quaternion, vector
 from .messages import header, time_from_ns
 from .types import message
 
@@ -94,21 +95,15 @@ def _marker(
     **fields: Any,
 ) -> Any:
     """`visualization_msgs/Marker`; `size_m` (3,) or one for all axes, points (n, 3), colours (n, 4); `fields` as they are."""
-    x, y, z = xyz.tolist() or (0.0, 0.0, 0.0)
-    wide, deep, high = np.broadcast_to(size_m, 3).astype(np.float64).tolist()
-    pose = message(
-        "geometry_msgs/msg/Pose",
-        position=message("geometry_msgs/msg/Point", x=x, y=y, z=z),
-        orientation=message("geometry_msgs/msg/Quaternion", x=0.0, y=0.0, z=0.0, w=1.0),
-    )
+    place, upright = point(xyz.tolist() or (0.0, 0.0, 0.0)), quaternion((1.0, 0.0, 0.0, 0.0))
     return message(
         "visualization_msgs/msg/Marker",
         action=0,
-        pose=pose,
-        scale=message("geometry_msgs/msg/Vector3", x=wide, y=deep, z=high),
+        pose=message("geometry_msgs/msg/Pose", position=place, orientation=upright),
+        scale=vector(np.broadcast_to(size_m, 3).astype(np.float64).tolist()),
         lifetime=message("builtin_interfaces/msg/Duration", sec=0, nanosec=lifetime_ns),
         frame_locked=False,
-        points=[message("geometry_msgs/msg/Point", x=x, y=y, z=z) for x, y, z in points.tolist()],
+        points=[point(one) for one in points.tolist()],
         colors=[_colour(*rgba) for rgba in colours.tolist()],
         texture_resource="",
         texture=message("sensor_msgs/msg/CompressedImage", header=header(0, ""), format="", data=_NO_BYTES),

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping, Sequence
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -46,6 +47,25 @@ def header(t_ns: int, frame_id: str) -> Any:
     return message("std_msgs/msg/Header", stamp=time_from_ns(t_ns), frame_id=frame_id)
 
 
+def diagnostic_status(
+    name: str, level: int, text: str, values: Mapping[str, str] = MappingProxyType({}), *, hardware_id: str | None = None
+) -> Any:
+    """`diagnostic_msgs/DiagnosticStatus`, one line of diagnostics.
+
+    Args:
+        name: e.g. ``camera cam02``. level: 0 ok, 1 warning, 2 error, 3 stale. text: what is the matter.
+        values: figures to show, already with their units. hardware_id: None: the name.
+    """
+    return message(
+        "diagnostic_msgs/msg/DiagnosticStatus",
+        level=level,
+        name=f"posefuse: {name}",
+        message=text,
+        hardware_id=name if hardware_id is None else hardware_id,
+        values=[message("diagnostic_msgs/msg/KeyValue", key=key, value=value) for key, value in values.items()],
+    )
+
+
 def optical_frame(camera: str) -> str:
     """tf frame of a camera: x right, y down, z forward (REP-103)."""
     return f"{camera}_optical_frame"
@@ -81,9 +101,7 @@ def state_from_message(msg: Any) -> CameraState | None:
     if not captured:
         return None
     # a view has come, so the source runs
-    return CameraState(
-        camera=msg.camera, state="running", text="", captured=captured, used=used, replaced=captured - used, missing=0
-    )  # fmt: skip
+    return CameraState(camera=msg.camera, state="running", captured=captured, used=used, replaced=captured - used)
 
 
 def detections_from_message(msg: Any) -> tuple[Detections2D, dict[str, int]]:

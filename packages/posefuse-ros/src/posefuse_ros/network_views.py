@@ -10,7 +10,6 @@ import time
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
 
 from posefuse.core import Closing, Detections2D, LiveJointCentres, Rig, Skeleton, SourceError
 from posefuse.core.skeleton import BLAZEPOSE33
@@ -180,7 +179,7 @@ class ViewIntake:
     """
 
     def __init__(self, cameras: tuple[str, ...], hand_over_s: float | None = None) -> None:
-        self.intake = Intake(DETECTIONS_TYPE, _view_from_message, _MAX_BYTES)
+        self.intake = Intake(DETECTIONS_TYPE, lambda msg: (detections_from_message(msg), state_from_message(msg)), _MAX_BYTES)
         self.senders = Senders(cameras, hand_over_s)
         self._centres_intake = Intake(JOINT_CENTRES_TYPE, joint_centres_from_message, _MAX_BYTES, self.intake.counts)
         # joint centres reported by the nodes, by sender
@@ -272,20 +271,16 @@ class NetworkViews(Closing, ViewSource):
         found, senders.news, intrinsics.problems = [*senders.news, *intrinsics.problems, *new], [], []
         return found
 
-    def first_skeleton(self, timeout_s: float) -> Skeleton | None:
-        """Skeleton of the session, which the first views decide; None when there are none yet."""
-        self._chosen.wait(timeout_s)
-        return self.views.senders.skeleton
-
     def wait_ready(self, stopped: Sequence[str]) -> Skeleton:
         """The skeleton of the first view."""
         # compiled for any skeleton, before a view is there to be waited for
         warmed_up(self._rig, BLAZEPOSE33, self._config, stopped)
-        while (skeleton := self.first_skeleton(_FIRST_VIEW_S)) is None:
+        while not self._chosen.wait(_FIRST_VIEW_S):
             if stopped or (self._duration_s is not None and self._waited_s() >= self._duration_s):
                 raise SourceError(self._nothing_came())
         self._say(f"first view after {self._waited_s():.1f} s")
-        return skeleton
+        assert self.views.senders.skeleton is not None
+        return self.views.senders.skeleton
 
     def start(self, clock: SessionClock) -> int:
         """They come already; the session counts from when it began to wait for them."""
@@ -333,10 +328,6 @@ class NetworkViews(Closing, ViewSource):
         why = f"; {counts.refused} messages were refused, the last because: {counts.last_refusal}" if counts.refused else ""
         others = f"; there are views of {', '.join(sorted(strangers))}, not in the rig" if strangers else ""
         return f"no view of any camera of the rig came{why}{others}; are the camera nodes in the same domain?"
-
-
-def _view_from_message(msg: Any) -> tuple[tuple[Detections2D, dict[str, int]], CameraState | None]:
-    return detections_from_message(msg), state_from_message(msg)
 
 
 def _seen(view: Detections2D, stages: Mapping[str, int], state: CameraState | None, sent_ns: int, now_ns: int) -> SeenView:

@@ -97,12 +97,10 @@ class CameraNode:
             if sample.sender != self._fusion and now_ns - self._taken_ns < _S:
                 continue
             self._fusion, self._taken_ns = sample.sender, now_ns
-            self._look_for(taken[0], groups)
-
-    def _look_for(self, pose: Pose3D, groups: Groups) -> None:
-        groups.expect(Expected(pose.t_ns, pose.xyz_world, velocity_between(self._looked_for, pose)))
-        if self._looked_for is None or pose.t_ns - self._looked_for.t_ns > 25_000_000:
-            self._looked_for = pose
+            pose = taken[0]
+            groups.expect(Expected(pose.t_ns, pose.xyz_world, velocity_between(self._looked_for, pose)))
+            if self._looked_for is None or pose.t_ns - self._looked_for.t_ns > 25_000_000:
+                self._looked_for = pose
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -9,7 +9,7 @@ import numpy as np
 from posefuse.core import SE3, Pose3D
 from posefuse.core.arrays import Array
 from posefuse.core.se3 import quaternion_product
-from posefuse.core.skeleton import pick_keypoints
+from posefuse.core.skeleton import SIDES, pick_keypoints
 
 from .bodies import LINKS, POINTS, Bodies, along_last, cross, head_and_wrists, unit_or_nan
 
@@ -17,7 +17,7 @@ PARTS = ("head", "left_wrist", "right_wrist", "left_hand", "right_hand")
 _HANDS = ("left_index", "right_index", "left_pinky", "right_pinky")
 _NAMES = (*POINTS, *_HANDS)
 _FROM_BODY = [LINKS.index(name) for name in ("head", "l_wrist", "r_wrist")]
-_WRISTS = tuple(POINTS.index(f"{side}_wrist") for side in ("left", "right"))
+_WRISTS = tuple(POINTS.index(f"{side}_wrist") for side in SIDES)
 # legs do not move a part
 _MOVING = [i for i, name in enumerate(_NAMES) if not name.endswith(("_knee", "_ankle"))]
 _STEP_M = 1e-4
@@ -27,7 +27,7 @@ _MOVED_M = _STEP_M * np.eye(3 * len(_NAMES)).reshape(len(_NAMES), 3, len(_NAMES)
 _NO_SLOPE = 1e-9
 Difference = Callable[[Array, Array], Array]
 # a step of 10 ms corrected by a new view is uncertain by itself
-SMOOTHED_S = 0.08
+_SMOOTHED_S = 0.08
 _GAP_S = 0.3
 
 
@@ -85,8 +85,7 @@ def small_turn(wxyz: Array, from_wxyz: Array) -> Array:
 class Velocities:
     """Rates of change per person. Values (N, V), given as differences, so that angles may wrap; NaN until two steps are known."""
 
-    def __init__(self, smoothed_s: float = SMOOTHED_S) -> None:
-        self._smoothed_s = smoothed_s
+    def __init__(self) -> None:
         self._t_ns: int | None = None
         self._before: dict[int, tuple[Array, Array]] = {}
 
@@ -94,7 +93,7 @@ class Velocities:
         """(N, D) per second, at the time of the newest values (N, V); `difference(now, before)` is (D,)."""
         dt = (t_ns - self._t_ns) / 1e9 if self._t_ns is not None else np.inf
         went_on = 0.0 < dt < _GAP_S
-        weight = 1.0 - np.exp(-dt / self._smoothed_s) if went_on else 1.0
+        weight = 1.0 - np.exp(-dt / _SMOOTHED_S) if went_on else 1.0
         found, kept = [], {}
         for person, now in zip(people, values, strict=True):
             before = self._before.get(person)

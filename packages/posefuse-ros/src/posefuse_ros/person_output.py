@@ -56,10 +56,6 @@ class Sizes(NamedTuple):
     thigh: float
     shank: float
 
-    def differs(self, other: Sizes, by_m: float) -> bool:
-        """Whether any length is another by more than `by_m`."""
-        return any(abs(mine - theirs) > by_m for mine, theirs in zip(self, other, strict=True))
-
 
 def sizes_from_points(points: Array) -> Array:
     """(N, 8) lengths in the order of `Sizes` from keypoints (N, len(POINTS), 3); both sides' mean, NaN where not seen."""
@@ -82,16 +78,20 @@ def urdf_text(body: str, sizes: Sizes) -> str:
     up = (0.0, 0.0, s.torso + s.head)
     parts += _chain(body, "body", "head", up, (("r_head", (1, 0, 0)), ("y_head", (0, 0, 1)), ("p_head", (0, -1, 0))), 0.0)
     for side, sign in (("l", 1.0), ("r", -1.0)):
-        turns = (
-            (f"{side}_y_shoulder", (0, 0, -sign)),
-            (f"{side}_p_shoulder", (sign, 0, 0)),
-            (f"{side}_r_shoulder", (0, 0, sign)),
-        )
-        parts += _chain(body, "body", f"{side}_shoulder", (0, sign * s.shoulder, s.torso), turns, s.upper_arm)
-        parts += _lower(body, f"{side}_shoulder", f"{side}_elbow", f"{side}_wrist", s.upper_arm, s.forearm)
-        turns = ((f"{side}_y_hip", (0, 0, -1)), (f"{side}_p_hip", (sign, 0, 0)), (f"{side}_r_hip", (0, -1, 0)))
-        parts += _chain(body, "body", f"{side}_hip", (0, sign * s.hip, 0), turns, s.thigh)
-        parts += _lower(body, f"{side}_hip", f"{side}_knee", f"{side}_ankle", s.thigh, s.shank)
+        arm, leg = ((0, 0, -sign), (sign, 0, 0), (0, 0, sign)), ((0, 0, -1), (sign, 0, 0), (0, -1, 0))
+        for upper, lower, end, xyz, axes, upper_m, lower_m in (
+            ("shoulder", "elbow", "wrist", (0, sign * s.shoulder, s.torso), arm, s.upper_arm, s.forearm),
+            ("hip", "knee", "ankle", (0, sign * s.hip, 0), leg, s.thigh, s.shank),
+        ):
+            turns = tuple((f"{side}_{turn}_{upper}", axis) for turn, axis in zip("ypr", axes, strict=True))
+            above, below, last = (f"{side}_{name}" for name in (upper, lower, end))
+            parts += _chain(body, "body", above, xyz, turns, upper_m)
+            parts += [
+                _joint(below, body, above, below, (0, 0, -upper_m), (0, -1, 0)),
+                _link(below, body, lower_m),
+                _joint(f"{last}_fixed", body, below, last, (0, 0, -lower_m), None),
+                _link(last, body),
+            ]
     return f'<?xml version="1.0"?>\n<robot name={quoteattr(f"human_{body}")}>\n' + "\n".join(parts) + "\n</robot>\n"
 
 
@@ -107,16 +107,6 @@ def _chain(body: str, parent: str, link: str, xyz: tuple[float, ...], turns: Tur
         ]
         above = below
     return found
-
-
-def _lower(body: str, upper: str, lower: str, end: str, upper_m: float, lower_m: float) -> list[str]:
-    """Elbow and wrist, or knee and ankle."""
-    return [
-        _joint(lower, body, upper, lower, (0, 0, -upper_m), (0, -1, 0)),
-        _link(lower, body, lower_m),
-        _joint(f"{end}_fixed", body, lower, end, (0, 0, -lower_m), None),
-        _link(end, body),
-    ]
 
 
 Turns = tuple[tuple[str, tuple[float, float, float]], ...]
@@ -152,7 +142,7 @@ class PersonOutput:
     _part_rates: Velocities = field(default_factory=Velocities)
     _body_rates: Velocities = field(default_factory=Velocities)
     _sizes: dict[str, tuple[int, Array]] = field(default_factory=dict)
-    _models: dict[str, Sizes] = field(default_factory=dict)
+    _models: dict[str, Array] = field(default_factory=dict)
 
     def forget(self, one: str) -> None:
         """A body has left."""
@@ -217,8 +207,8 @@ class PersonOutput:
             self._sizes[one] = count, mean
             if count < _SEEN_FOR_MODEL:
                 continue
-            sizes, before = Sizes(*mean.tolist()), self._models.get(one)
-            if before is None or sizes.differs(before, _MODEL_CHANGED_M):
-                self._models[one] = sizes
-                text = message("std_msgs/msg/String", data=urdf_text(one, sizes))
+            before = self._models.get(one)
+            if before is None or np.abs(mean - before).max() > _MODEL_CHANGED_M:
+                self._models[one] = mean
+                text = message("std_msgs/msg/String", data=urdf_text(one, Sizes(*mean.tolist())))
                 self.outlet.publish(topics.body(one, "urdf"), text, pose.t_ns)

@@ -8,12 +8,11 @@ from __future__ import annotations
 
 import os
 import threading
-from collections import deque
 from typing import Any
 
 from posefuse.core import Closing, DependencyError
 
-from .dds import Sample
+from .dds import KeptSamples
 from .topics import Topic
 from .types import encode
 
@@ -27,25 +26,6 @@ def ros2_is_sourced() -> bool:
     except ImportError:
         return False
     return True
-
-
-class RclpyReader:
-    """The newest messages of one topic, as `dds.Reader` has them."""
-
-    def __init__(self, topic: Topic) -> None:
-        self.topic = topic
-        self._samples: deque[Sample] = deque(maxlen=max(topic.depth, 1))
-
-    def take(self) -> list[Sample]:
-        """What has come since the last call, oldest first; does not wait."""
-        found = []
-        while self._samples:
-            found.append(self._samples.popleft())
-        return found
-
-    def put(self, raw: bytes, info: Any) -> None:
-        """Called by rclpy for each message."""
-        self._samples.append(Sample(raw, int(info["source_timestamp"]), ""))
 
 
 class RclpyNode(Closing):
@@ -71,7 +51,7 @@ class RclpyNode(Closing):
         rclpy.init(context=self._context, domain_id=domain_id)
         self._node: Any = rclpy.create_node(name, context=self._context)
         self._publishers: dict[str, Any] = {}
-        self._readers: dict[str, RclpyReader] = {}
+        self._readers: dict[str, KeptSamples] = {}
         self._executor: Any = SingleThreadedExecutor(context=self._context)
         self._executor.add_node(self._node)
         self._thread = threading.Thread(target=self._executor.spin, name="rclpy", daemon=True)
@@ -94,14 +74,18 @@ class RclpyNode(Closing):
         if publisher is not None:
             self._node.destroy_publisher(publisher)
 
-    def reader(self, topic: Topic, *, wakes: bool = True) -> RclpyReader:
+    def reader(self, topic: Topic, *, wakes: bool = True) -> KeptSamples:
         """The reader of `topic`; raises DependencyError where its type is not installed."""
         if topic.name not in self._readers:
-            reader = self._readers[topic.name] = RclpyReader(topic)
+            reader = self._readers[topic.name] = KeptSamples(topic)
             kind = self._type(topic)
             if kind is None:
                 raise DependencyError(f"topic {topic.name}: {topic.type_name} is not installed in this ROS 2 environment")
-            self._node.create_subscription(kind, topic.name, reader.put, _profile(topic, topic.latched), raw=True)
+
+            def put(raw: bytes, info: Any) -> None:
+                reader.put(raw, int(info["source_timestamp"]))
+
+            self._node.create_subscription(kind, topic.name, put, _profile(topic, topic.latched), raw=True)
         return self._readers[topic.name]
 
     def close(self) -> None:

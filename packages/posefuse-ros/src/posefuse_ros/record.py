@@ -5,7 +5,6 @@ from __future__ import annotations
 import contextlib
 import shutil
 import time
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any, ClassVar
 
@@ -30,7 +29,7 @@ from . import topics
 from .bags import Recorder
 from .camera_messages import message_from_joint_centres
 from .dds import RosNode
-from .dds_domain import Network, NetworkSettings
+from .dds_domain import NetworkSettings
 from .live_output import health_lines, publish_preview
 from .markers import annotations_of_view
 from .messages import message_from_detections, message_from_names, time_from_ns
@@ -52,57 +51,23 @@ _SHOWN_NS = 1_000_000_000 // 30
 _NOT_RECORDED = frozenset(topics.BODY_PARTS) - {"joint_states", "joint_angles", "urdf"}
 
 
-class RecordedClock:
-    """Follows `/clock` of a network, and writes it into a recording.
-
-    Raises:
-        SourceError: nothing comes on `/clock`.
-    """
-
-    def __init__(self, network: Network) -> None:
-        self._node = RosNode("posefuse_record", network)
-        try:
-            self._reader = ClockReader(self._node)
-            self._reader.wait(_WITHIN_S)
-        except BaseException:
-            self._node.close()
-            raise
-
-    def keep(self, recorder: topics.Outlet, t_ns: int) -> None:
-        """Write the simulated time at `t_ns` of the session."""
-        self._reader.update()
-        keep_clock(recorder, self._reader.clock, t_ns)
-
-    def close(self) -> None:
-        """Leave the network."""
-        self._node.close()
-
-
 def keep_clock(recorder: topics.Outlet, clock: SimulatedClock, t_ns: int) -> None:
     """Write the value of `clock` at `t_ns` of the session."""
     if clock.known:
         recorder.publish(topics.CLOCK, message(topics.CLOCK.type_name, clock=time_from_ns(clock.sim_from_real(t_ns))), t_ns)
 
 
-class _Chosen:
-    """An outlet that records what a replay needs, and what viewers draw while it is `shown`."""
+class _SessionRecorder(Recorder):
+    """Takes what a replay needs, small images, and what viewers draw while it is `shown`."""
 
-    def __init__(self, recorder: topics.Outlet) -> None:
-        self._recorder = recorder
-        self.shown = True
-
-    def publish(self, topic: topics.Topic, msg: Any, t_ns: int) -> None:
-        """See `topics.Outlet`."""
-        self._recorder.publish(topic, msg, t_ns)
+    shown = True
 
     def wanted(self, topic: topics.Topic) -> bool:
         """See `topics.Outlet`."""
-        if topic.name == topics.POSE.name or topic.name.endswith("/joint_angles") or topic.latched:
+        name = topic.name
+        if topic.latched or name == topics.POSE.name or name.endswith("/joint_angles") or "/preview/" in name:
             return True
-        return self.shown and topic.name.removeprefix("/humans/bodies/").partition("/")[2] not in _NOT_RECORDED
-
-    def forget(self, name: str) -> None:
-        """See `topics.Outlet`."""
+        return self.shown and name.removeprefix("/humans/bodies/").partition("/")[2] not in _NOT_RECORDED
 
 
 @settings
@@ -149,7 +114,8 @@ class RecordOutput:
         self._config = config
         self._recorder: Any = None
         self._ros: Any = None
-        self._chosen: Any = None
+        # where `/clock` is to be kept
+        self._node: Any = None
         self._clock: Any = None
         self._shown_ns = -_SHOWN_NS
         self._looked_s = 0.0
@@ -187,8 +153,8 @@ class RecordOutput:
 
     def close(self) -> None:
         """Finish the file."""
-        if self._clock is not None:
-            self._clock.close()
+        if self._node is not None:
+            self._node.close()
         if self._recorder is not None:
             self._recorder.close()
             if not self._filled:
@@ -196,13 +162,14 @@ class RecordOutput:
 
     def _pose(self, message: LivePose) -> None:
         t_ns = message.pose.t_ns
-        self._chosen.shown = not 0 <= t_ns - self._shown_ns < _SHOWN_NS * 19 // 20
-        if self._chosen.shown:
+        self._recorder.shown = not 0 <= t_ns - self._shown_ns < _SHOWN_NS * 19 // 20
+        if self._recorder.shown:
             # due times, so that the rate does not fall to that of every fourth pose
             went_on = t_ns - self._shown_ns < 2 * _SHOWN_NS
             self._shown_ns = self._shown_ns + _SHOWN_NS if went_on and t_ns > self._shown_ns else t_ns
         if self._clock is not None:
-            self._clock.keep(self._recorder, t_ns)
+            self._clock.update()
+            keep_clock(self._recorder, self._clock.clock, t_ns)
         self._ros.step(message.pose, message.joints, message.stages_ns)
 
     def _preview(self, preview: LivePreview) -> None:
@@ -212,25 +179,26 @@ class RecordOutput:
             msg = annotations_of_view(view, preview.size_wh, self._ros.rig[preview.camera].size_wh)
             self._recorder.publish(topics.preview_annotations(preview.camera), msg, preview.t_ns)
 
-    def _part(self, make: Callable[[Path], Any], part: int) -> Any:
+    def _part(self, part: int) -> _SessionRecorder:
         path, spare = self._config.path, self._config.spare
         if part == 1:
-            return make(path)
+            return _SessionRecorder(path)
         try:
-            return make(_with_room(part_path(path, part)))
+            return _SessionRecorder(_with_room(part_path(path, part)))
         except InputError:
             if spare is None:
                 raise
-            return make(_with_room(part_path(spare / path.name, part)))
+            return _SessionRecorder(_with_room(part_path(spare / path.name, part)))
 
     def _open(self, start: LiveStart) -> None:
         if self._config.sim_time:
-            self._clock = RecordedClock(self._config.network)
-        self._recorder = self._part(Recorder, start.part)
+            self._node = RosNode("posefuse_record", self._config.network)
+            self._clock = ClockReader(self._node)
+            self._clock.wait(_WITHIN_S)
+        self._recorder = self._part(start.part)
         if start.notes:
             self._recorder.note(NOTES, {**start.notes, "part": str(start.part)})
-        self._chosen = _Chosen(self._recorder)
-        self._ros = RosOutput(self._chosen, start.rig)
+        self._ros = RosOutput(self._recorder, start.rig)
         self._ros.start(start.t_ns)
 
 

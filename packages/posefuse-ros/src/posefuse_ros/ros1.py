@@ -4,15 +4,13 @@ from __future__ import annotations
 
 import io
 import struct
-import threading
 import time
-from collections import deque
 from functools import cache
 from typing import Any
 
 from posefuse.core import Closing, DependencyError, MessageError, SourceError
 
-from .dds import Sample
+from .dds import KeptSamples
 from .topics import Topic
 from .types import encode, optional_module, ros1_types, ros2_types
 
@@ -74,24 +72,15 @@ def carrier_of(type_name: str) -> Any:
     return Carrier
 
 
-class Ros1Reader:
+class Ros1Reader(KeptSamples):
     """The messages of one topic, newest `depth` kept, as CDR bytes like those of `dds.Reader`. Made by `Ros1Node.reader`.
 
     ROS 1 has no send time: `sent_ns` is the time of arrival.
     """
 
     def __init__(self, rospy: Any, topic: Topic) -> None:
-        self.topic = topic
-        self._kept: deque[Sample] = deque(maxlen=topic.depth)
-        self._lock = threading.Lock()
+        super().__init__(topic)
         self._subscriber = rospy.Subscriber(topic.name, carrier_of(topic.type_name), self._keep, queue_size=topic.depth)
-
-    def take(self) -> list[Sample]:
-        """What has come since the last call, oldest first; does not wait."""
-        with self._lock:
-            found = list(self._kept)
-            self._kept.clear()
-        return found
 
     def close(self) -> None:
         """Subscribe no more."""
@@ -102,8 +91,7 @@ class Ros1Reader:
             raw = encode(ros2_message(carrier.raw, self.topic.type_name))
         except MessageError:
             return
-        with self._lock:
-            self._kept.append(Sample(raw, time.time_ns(), carrier._connection_header.get("callerid", "")))
+        self.put(raw, time.time_ns(), carrier._connection_header.get("callerid", ""))
 
 
 class Ros1Node(Closing):

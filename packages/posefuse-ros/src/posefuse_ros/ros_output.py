@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import Any
 
@@ -30,21 +30,6 @@ _ROOT = LINKS.index("body")
 _FORGOTTEN_AFTER_NS = 3_000_000_000
 # topics of a body that need no links
 _NOT_OF_LINKS = ("skeleton2d", "roi", "joint_angles", "urdf")
-
-
-@dataclass(frozen=True)
-class Health:
-    """One line of diagnostics.
-
-    Attributes:
-        name: e.g. ``camera cam02``. level: 0 ok, 1 warning, 2 error, 3 stale. text: what is the matter.
-        values: figures to show, already with their units.
-    """
-
-    name: str
-    level: int
-    text: str
-    values: Mapping[str, str] = field(default_factory=dict)
 
 
 def body_id(person_id: int) -> str:
@@ -148,21 +133,10 @@ class RosOutput:
             if self.outlet.wanted(topic):
                 self.outlet.publish(topic, joint_state(one, position_rad, rate, pose.t_ns), pose.t_ns)
 
-    def diagnose(self, t_ns: int, health: Sequence[Health]) -> None:
-        """Publish the state of cameras and stages."""
+    def diagnose(self, t_ns: int, status: Sequence[Any]) -> None:
+        """Publish the state of cameras and stages, each a `messages.diagnostic_status`."""
         t_ns += self.epoch_offset_ns
-        status = [
-            message(
-                "diagnostic_msgs/msg/DiagnosticStatus",
-                level=h.level,
-                name=f"posefuse: {h.name}",
-                message=h.text,
-                hardware_id=h.name,
-                values=[message("diagnostic_msgs/msg/KeyValue", key=k, value=v) for k, v in h.values.items()],
-            )
-            for h in health
-        ]
-        msg = message("diagnostic_msgs/msg/DiagnosticArray", header=header(t_ns, ""), status=status)
+        msg = message("diagnostic_msgs/msg/DiagnosticArray", header=header(t_ns, ""), status=list(status))
         self.outlet.publish(topics.DIAGNOSTICS, msg, t_ns)
 
     def _show_tracked(self, ids: tuple[str, ...], t_ns: int) -> None:

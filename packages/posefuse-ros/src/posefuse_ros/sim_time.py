@@ -8,14 +8,12 @@ from __future__ import annotations
 
 import time
 from collections import deque
-from collections.abc import Iterable
 from typing import Any
 
 import numpy as np
 
 from posefuse.core import SourceError
 
-from .dds import Sample
 from .messages import ns_from_time
 from .topics import CLOCK
 from .types import Intake
@@ -83,11 +81,17 @@ class ClockReader:
         self._intake: Intake[int] = Intake(CLOCK.type_name, lambda msg: ns_from_time(msg.clock), max_bytes=1024)
         # a simulator may send it 1000 times a second, which is no reason to wake up
         self._reader = node.reader(CLOCK, wakes=False)
-        self._ways_ns: deque[int] = deque(maxlen=_KEPT)
+        self._delays_ns: deque[int] = deque(maxlen=_KEPT)
 
     def update(self) -> None:
         """Take in what has come; never waits."""
-        self._hear(self._reader.take(), time.time_ns())
+        samples, now_ns = self._reader.take(), time.time_ns()
+        for sample in samples:
+            if (sim_ns := self._intake.take(sample.raw)) is None:
+                continue
+            # the sender's stamp is free of the delays of this process; the shortest of them puts it on this machine's clock
+            self._delays_ns.append(now_ns - sample.sent_ns)
+            self.clock.add(sim_ns, sample.sent_ns + min(self._delays_ns))
 
     def wait(self, timeout_s: float) -> None:
         """Wait for the first time; raises SourceError when none comes."""
@@ -97,11 +101,3 @@ class ClockReader:
                 raise SourceError(f"simulated time is wanted, but nothing came on {CLOCK.name} within {timeout_s:g} s")
             time.sleep(_POLL_S)
             self.update()
-
-    def _hear(self, samples: Iterable[Sample], now_ns: int) -> None:
-        for sample in samples:
-            if (sim_ns := self._intake.take(sample.raw)) is None:
-                continue
-            # the sender's stamp is free of the delays of this process; the shortest of them puts it on this machine's clock
-            self._ways_ns.append(now_ns - sample.sent_ns)
-            self.clock.add(sim_ns, sample.sent_ns + min(self._ways_ns))

@@ -22,14 +22,6 @@ if TYPE_CHECKING:
 DEFINITIONS = Path(__file__).parent / "msg"
 # longest list a stranger may announce in a message; ours stay far below it, images are the largest
 MAX_LIST = 64 * 2**20
-_BASIC = {
-    "bool": "bool",
-    "byte": "byte",
-    "char": "uint8",
-    "float32": "float32",
-    "float64": "float64",
-    **{f"{sign}int{bits}": f"{sign}int{bits}" for sign in ("", "u") for bits in (8, 16, 32, 64)},
-}
 T = TypeVar("T")
 
 
@@ -97,12 +89,6 @@ def encode(msg: Any) -> bytes:
     return raw + bytes(-len(raw) % 4)
 
 
-def dds_type_name(type_name: str) -> str:
-    """``pkg/msg/Type`` as ROS 2 writes it on the wire: ``pkg::msg::dds_::Type_``."""
-    package, kind, name = type_name.split("/")
-    return f"{package}::{kind}::dds_::{name}_"
-
-
 def type_hash(type_name: str) -> str:
     """RIHS01 hash (REP-2016), which ROS 2 tools compare between peers."""
     return str(ros2_types().hash_rihs01(type_name))
@@ -115,13 +101,12 @@ def definition(type_name: str) -> str:
 
 @cache
 def idl_class(type_name: str) -> Any:
-    """A final, keyless IDL struct named as ROS 2 names `type_name` on the wire."""
+    """A final, keyless IDL struct named as ROS 2 names `type_name` on the wire: ``pkg::msg::dds_::Type_``."""
     from cyclonedds.idl import annotations, make_idl_struct
 
     fields = {name: _idl_type(desc) for name, desc in ros2_types().fielddefs[type_name][1]}
-    dds_name = dds_type_name(type_name)
-    made = make_idl_struct(dds_name.rsplit("::", 1)[1], dds_name.replace("::", "."), fields)
-    return annotations.final(made)
+    package, kind, name = type_name.split("/")
+    return annotations.final(make_idl_struct(f"{name}_", f"{package}.{kind}.dds_.{name}_", fields))
 
 
 def _idl_type(desc: Any) -> Any:
@@ -136,7 +121,7 @@ def _idl_type(desc: Any) -> Any:
         name, bound = detail
         if name == "string":
             return types.bounded_str[bound] if bound else str
-        return getattr(types, _BASIC[name]) if name != "bool" else bool
+        return getattr(types, name) if name != "bool" else bool
     inner, length = detail
     element = _idl_type(inner)
     if kind == Nodetype.ARRAY:

@@ -13,7 +13,7 @@ from posefuse.core import SE3
 from posefuse_ros.bags import Recorder
 from posefuse_ros.body_messages import point_stamped, pose_stamped
 from posefuse_ros.markers import solid_marker
-from posefuse_ros.messages import header
+from posefuse_ros.messages import diagnostic_status, header
 from posefuse_ros.topics import DIAGNOSTICS, Topic
 from posefuse_ros.types import message
 
@@ -98,14 +98,8 @@ class Reporter:
             "robot": state.fault or state.limited or "follows",
             "late control steps": str(state.late),
         }
-        status = message(
-            "diagnostic_msgs/msg/DiagnosticStatus",
-            level=_ERROR if state.fault else _LEVELS[phase],
-            name="posefuse: teleoperation",
-            message=phase.value,
-            hardware_id="",
-            values=[message("diagnostic_msgs/msg/KeyValue", key=key, value=value) for key, value in values.items()],
-        )
+        level = _ERROR if state.fault else _LEVELS[phase]
+        status = diagnostic_status("teleoperation", level, phase.value, values, hardware_id="")
         return message("diagnostic_msgs/msg/DiagnosticArray", header=header(t_ns, ""), status=[status])
 
 

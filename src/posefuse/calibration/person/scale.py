@@ -8,7 +8,7 @@ import numpy as np
 
 from posefuse.core import CalibrationError, Rig, Skeleton
 from posefuse.core.arrays import Array
-from posefuse.core.skeleton import LIMB_ENDS
+from posefuse.core.skeleton import LIMB_ENDS, SIDES
 
 # of people who can be asked to walk through a room
 _STATURES_M = (0.8, 2.4)
@@ -20,7 +20,6 @@ STATURE_SHARES = {"upper_arm": 0.1560, "forearm": 0.1443, "thigh": 0.2261, "shan
 # standard error of a height as a share of it: that deviation, and how limbs vary among people of one height (2.4 %, by the
 # spreads of segments in `tracking/segments.py`)
 STATURE_SIGMA = 0.027
-_SIDES = ("left", "right")
 
 
 @dataclass(frozen=True)
@@ -56,7 +55,7 @@ def limb_lengths_m(skeleton: Skeleton, xyz: Array) -> Array:
     """(4,) usual length of each of `LIMB_ENDS`, both sides, of keypoints (T, K, 3); NaN where none was seen."""
     out = np.full(len(LIMB_ENDS), np.nan)
     for i, ends in enumerate(LIMB_ENDS.values()):
-        sides = [[f"{side}_{end}" for end in ends] for side in _SIDES]
+        sides = [[f"{side}_{end}" for end in ends] for side in SIDES]
         known = [[skeleton.index(name) for name in names] for names in sides if all(name in skeleton.keypoints for name in names)]
         lengths = np.array([np.linalg.norm(xyz[:, a] - xyz[:, b], axis=1) for a, b in known])
         if np.isfinite(lengths).any():

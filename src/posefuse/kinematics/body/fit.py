@@ -4,15 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
 from posefuse.core import JointAngles, Kind, PoseSequence, Rig, Views
 from posefuse.core.arrays import Array, give_away, take_back
+from posefuse.core.skeleton import SIDES
 from posefuse.core.view_sequences import PartsOfViews
 from posefuse.kinematics.joints import FrameBuffers, frames_of, joints_from_poses, joints_value
 from posefuse.kinematics.settings import BodySettings, JointSettings
-from posefuse.kinematics.sides import SIDES
 
 from .contacts import FOOT, Contacts, contacts_of, foot_rows
 from .filter import BodyFilter, Measurement, of_points, smoothed
@@ -180,7 +181,11 @@ class _Points:
 
     def __init__(self, sequence: PoseSequence, most_sigma_m: float) -> None:
         self._sequence, self._most_var = sequence, 3 * most_sigma_m**2
-        self.xyz = sequence.xyz_world.copy()
+
+    @cached_property
+    def xyz(self) -> Array:
+        """They are copied when first asked for."""
+        return self._sequence.xyz_world.copy()
 
     def write(self, i: int, n: int, at: Array, fitted: Fitted) -> None:
         """One person at one time step."""
@@ -203,7 +208,7 @@ class _Poses(_Points):
     def __init__(
         self, sequence: PoseSequence, settings: BodySettings, joint_settings: JointSettings, *, with_joints: bool, in_place: bool
     ) -> None:
-        self._sequence, self._most_var = sequence, 3 * settings.most_sigma_m**2
+        super().__init__(sequence, settings.most_sigma_m)
         self._with_joints, self._in_place, self._joint_settings = with_joints, in_place, joint_settings
         self._planes: list[Array] = []
 

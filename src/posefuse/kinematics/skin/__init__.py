@@ -11,11 +11,11 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from posefuse.core.arrays import Array
+from posefuse.core.skeleton import SIDES
 from posefuse.formats.bvh import BvhData
 from posefuse.formats.gltf import Skin
 from posefuse.kinematics.animation import FILE_FROM_SEGMENT
 from posefuse.kinematics.definitions import NOSE_BELOW_RAD
-from posefuse.kinematics.sides import SIDES
 
 # The mesh that people are drawn as: a mean body and its shapes (`tools/make_body_mesh.py`; NOTICE has the licences).
 
@@ -73,7 +73,7 @@ class Template:
 @cache
 def length_names() -> dict[str, tuple[str, str]]:
     """Name of a length -> the keypoints it is between."""
-    found = {f"{s}_{name}": (a.format(side=s), b.format(side=s)) for s in ("left", "right") for name, (a, b) in _SPANS.items()}
+    found = {f"{s}_{name}": (a.format(side=s), b.format(side=s)) for s in SIDES for name, (a, b) in _SPANS.items()}
     return {**found, "shoulders": ("left_shoulder", "right_shoulder"), "hips": ("left_hip", "right_hip")}
 
 

@@ -12,10 +12,10 @@ import numpy as np
 from posefuse.core import JointCentres, PoseSequence, Skeleton, Truth
 from posefuse.core.arrays import Array
 from posefuse.core.joint_centres import SEGMENT_ENDS
-from posefuse.core.skeleton import pick_keypoints
+from posefuse.core.skeleton import SIDES, pick_keypoints
 from posefuse.evaluation.metrics import true_xyz_at
 from posefuse.tracking import to_joint_centres
-from posefuse.tracking.body_directions import SIDES, keypoint_of, segment_lengths
+from posefuse.tracking.body_directions import keypoint_of, segment_lengths
 from posefuse.tracking.joint_centres import MOST_LONGER_M, joint_directions
 
 # Directions each joint may be moved along, as found to pay by bodies left out. The hip is not moved along the spine as a whole:
