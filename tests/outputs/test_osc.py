@@ -7,7 +7,7 @@ import pytest
 from checks import refusal
 
 from posefuse.core import ConfigError
-from posefuse.outputs.live.udp import AXES, UdpStream, json_from_pose, osc_bundle, osc_from_pose, osc_message
+from posefuse.outputs.live.udp import AXES, OscConfig, UdpStream, json_from_pose, osc_bundle, osc_from_pose, osc_message
 
 
 def read(data):
@@ -137,3 +137,6 @@ def test_a_datagram_the_network_does_not_take_is_counted():
 )
 def test_addresses_are_checked_at_once(address):
     refusal(ConfigError, "UDP address", UdpStream, [address])
+    if not address.startswith("no.such.host"):
+        # what no name can be, before a session begins
+        refusal(ConfigError, "UDP address", OscConfig(to=(address,)).build)

@@ -244,8 +244,8 @@ class NetworkViews(Closing, ViewSource):
         self._centres_reader = self._node.reader(topics.JOINT_CENTRES)
         self._intrinsics = NodeIntrinsics(self._node, rig)
         self._ours, self._theirs = Channel.pair()
-        # of the network, and whether it was reported
-        self._problems: dict[str, bool] = {}
+        # the first of each kind, of the network; empty once reported
+        self._problems: dict[str, str] = {}
         self._stop = threading.Event()
         self._chosen = threading.Event()
         self._thread = threading.Thread(target=self._run, name="views from the network", daemon=True)
@@ -266,9 +266,9 @@ class NetworkViews(Closing, ViewSource):
     def notices(self) -> list[str]:
         """Why messages are refused, each reason once; and camera nodes that work with other intrinsics."""
         senders, intrinsics = self.views.senders, self._intrinsics
-        new = [problem for problem, said in tuple(self._problems.items()) if not said]
-        self._problems |= dict.fromkeys(new, True)
-        found, senders.news, intrinsics.problems = [*senders.news, *intrinsics.problems, *new], [], []
+        new = {kind: problem for kind, problem in tuple(self._problems.items()) if problem}
+        self._problems |= dict.fromkeys(new, "")
+        found, senders.news, intrinsics.problems = [*senders.news, *intrinsics.problems, *new.values()], [], []
         return found
 
     def wait_ready(self, stopped: Sequence[str]) -> Skeleton:
@@ -306,7 +306,8 @@ class NetworkViews(Closing, ViewSource):
             except ChannelClosed:
                 return
             except Exception as error:  # noqa: BLE001 - reported; without this thread no view would come any more
-                self._problems.setdefault(f"the network cannot be read ({type(error).__name__}: {error})", False)
+                kind = type(error).__name__
+                self._problems.setdefault(kind, f"the network cannot be read ({kind}: {error})")
                 self._stop.wait(_WAIT_S)
 
     def _hand_on(self) -> None:

@@ -172,12 +172,16 @@ class UdpStream(Closing):
             opened.close()
 
 
-def _resolved(address: str) -> tuple[int, tuple[object, ...]]:
+def _host_and_port(address: str) -> tuple[str, int]:
     host, _, port = address.rpartition(":")
     if not host or not port.isdigit() or not 0 < int(port) < 65536:
         raise ConfigError(f"UDP address: expected host:port with a port of 1 to 65535, got {address!r}")
+    return host.strip("[]"), int(port)
+
+
+def _resolved(address: str) -> tuple[int, tuple[object, ...]]:
     try:
-        family, _, _, _, target = socket.getaddrinfo(host.strip("[]"), int(port), type=socket.SOCK_DGRAM)[0]
+        family, _, _, _, target = socket.getaddrinfo(*_host_and_port(address), type=socket.SOCK_DGRAM)[0]
     except OSError as error:
         raise ConfigError(f"UDP address {address!r}: the host is not known ({error})") from None
     return family, target
@@ -223,6 +227,9 @@ class UdpOutput:
     """Sends each pose to every address; a network that is away loses datagrams and is no failure."""
 
     def __init__(self, name: str, addresses: tuple[str, ...], axes: str, packets: Packets) -> None:
+        # names are resolved when it is opened; what no name can be is refused before a session begins
+        for address in addresses:
+            _host_and_port(address)
         self.name, self.where = name, ", ".join(addresses)
         self._addresses, self._axes, self._packets = addresses, axes, packets
         self._stream: Any = None
