@@ -1,6 +1,6 @@
 """Arrays that are checked once and can no longer be written."""
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from functools import cache
 from typing import Any
 
@@ -50,6 +50,11 @@ def _is_frozen(value: Any, dtype: DTypeLike) -> bool:
     while type(value) is np.ndarray and not value.flags.writeable:
         value = value.base
     return value is None
+
+
+def taken(value: Any, names: Iterable[str], places: Any) -> dict[str, Any]:
+    """These fields of a value at these places of their axes, by name; one that is None stays so."""
+    return {name: None if (array := getattr(value, name)) is None else array[places] for name in names}
 
 
 def known_median(values: Array, unknown: float = float("nan")) -> float:

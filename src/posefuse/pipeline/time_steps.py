@@ -131,7 +131,7 @@ class StoredStep:
 
     def look(self, kind: LookKind, expected: Pose3D | None) -> tuple[Detections2D, ...]:
         """The stored answer to this look; where the detector did not look so, all different detections of each frame."""
-        return tuple(self._answer(frame, rows) for frame, rows in self.rows(kind))
+        return tuple(self.observations.detections(frame, rows) for frame, rows in self.rows(kind))
 
     def rows(self, kind: LookKind) -> list[tuple[int, Array]]:
         """Where the answers of `look` lie in the log: (row of the frame table, rows of the detection table) of each."""
@@ -143,11 +143,6 @@ class StoredStep:
         by_camera = [self.frames[cameras == camera] for camera in np.unique(cameras)]
         return [(int(frames[0]), self._union(frames)) for frames in by_camera]
 
-    def _answer(self, frame: int, rows: Array) -> Detections2D:
-        log = self.observations
-        camera, t_ns = log.camera_names[log.frame_camera[frame]], int(log.frame_t_ns[frame])
-        return Detections2D(camera=camera, t_ns=t_ns, skeleton=log.skeleton, **log.rows(rows))
-
     def _union(self, frames: Array) -> Array:
         """Detections of several looks at one frame, each body once, as the last look that found it has it.
 
@@ -158,7 +153,7 @@ class StoredStep:
             rows = np.arange(log.frame_begin[frame], log.frame_begin[frame + 1])
             found = np.concatenate([kept, rows[(log.score[rows] > 0).any(axis=1)]])
             # what is kept counts first, however sure it is
-            together = replace(self._answer(int(frame), found), score=_in_order(log.score[found], len(kept)))
+            together = replace(log.detections(int(frame), found), score=_in_order(log.score[found], len(kept)))
             kept = np.concatenate([kept, found[len(kept) :][~duplicates(together, DUPLICATE_SHARE)[len(kept) :]]])
         return kept
 
