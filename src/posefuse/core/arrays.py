@@ -70,6 +70,8 @@ def median_apart(one: Array, other: Array) -> float:
 
 # standard deviation of a normal distribution from its median absolute deviation
 SIGMA_PER_MAD = 1.4826
+# median of a chi-square of 3 degrees of freedom
+MEDIAN_CHI2 = 2.366
 
 
 def freeze_fields(value: Any, dtypes: Mapping[str, DTypeLike]) -> None:

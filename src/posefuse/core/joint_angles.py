@@ -10,6 +10,7 @@ import numpy as np
 from .arrays import Array, check_fields, freeze_fields
 from .errors import InputError, ShapeError, choices
 from .se3 import SE3
+from .skeleton import SIDES
 
 
 @dataclass(frozen=True, eq=False, kw_only=True, repr=False)
@@ -186,7 +187,7 @@ OPENSIM = MappingProxyType(
     _TRUNK
     | {
         f"{name}_{side[0]}": (f"{side}_{joint}", angle, sign)
-        for side in ("left", "right")
+        for side in SIDES
         for name, (joint, angle, sign) in _BOTH_SIDES.items()
     }
 )

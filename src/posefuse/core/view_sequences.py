@@ -82,6 +82,11 @@ def views_over_time(
 class PartsOfViews(Protocol):
     """Views whose time steps can be had in parts: a `ViewSequence`, or what makes each part when it is asked for."""
 
+    @property
+    def t_ns(self) -> Array:
+        """(T,) session clock."""
+        ...
+
     def part(self, steps: slice) -> ViewSequence:
         """These time steps only."""
         ...

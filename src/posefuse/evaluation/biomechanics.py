@@ -11,6 +11,7 @@ import numpy as np
 from posefuse.core import JointAngles, PoseSequence, Progress, Recording, Skeleton, silent
 from posefuse.core.arrays import Array
 from posefuse.core.poses import point_sigma_m
+from posefuse.core.skeleton import SIDES
 from posefuse.core.view_sequences import PartsOfViews
 from posefuse.formats.bvh import write_bvh
 from posefuse.formats.c3d import C3dData, C3dEvent, write_c3d
@@ -25,7 +26,6 @@ from posefuse.kinematics.definitions import joints_without_points
 from posefuse.kinematics.gait import Gait, gait_from_poses
 from posefuse.kinematics.opensim_path import opensim_library, opensim_motion
 from posefuse.kinematics.opensim_scale import scaled_motion
-from posefuse.kinematics.sides import SIDES
 from posefuse.kinematics.skin import skin_of
 from posefuse.outputs.facts import duration_s, person_suffix
 from posefuse.outputs.tables import write_angles

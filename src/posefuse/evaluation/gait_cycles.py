@@ -12,12 +12,12 @@ import numpy as np
 
 from posefuse.core import JointAngles
 from posefuse.core.arrays import Array
+from posefuse.core.skeleton import SIDES
 from posefuse.formats.page import Side
 from posefuse.foundation.output_file import atomic_file
 from posefuse.kinematics.gait import Gait
 
 PERCENT = np.linspace(0.0, 100.0, 101)
-_SIDES = ("left", "right")
 # of the median stride: a longer one holds a turn or a stop
 _SHORTEST, _LONGEST = 0.5, 1.5
 _LEAST_KNOWN = 0.9
@@ -107,7 +107,7 @@ def write_gait_cycles(path: Path, cycles: dict[int, list[CycleAngles]]) -> Path:
 
 
 def _cycles(gait: Gait) -> dict[str, list[tuple[float, float]]]:
-    spans = {side: [(float(a), float(b)) for a, b in pairwise(gait.strike_s[side])] for side in _SIDES}
+    spans = {side: [(float(a), float(b)) for a, b in pairwise(gait.strike_s[side])] for side in SIDES}
     usual_s = float(np.median([end - begin for both in spans.values() for begin, end in both]))
     return {
         side: [(begin, end) for begin, end in both if _SHORTEST * usual_s <= end - begin <= _LONGEST * usual_s]

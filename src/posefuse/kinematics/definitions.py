@@ -17,6 +17,7 @@ import numpy as np
 
 from posefuse.core import Skeleton
 from posefuse.core.arrays import Array
+from posefuse.core.skeleton import SIDES
 
 X, Y, Z = 0, 1, 2
 
@@ -140,7 +141,7 @@ def _side_segments(side: str, other_first: bool, arm: int, leg: int) -> tuple[Se
     )
 
 
-_MIDPOINTS |= {f"{side}_knuckles": (f"{side}_index", f"{side}_pinky") for side in ("left", "right")}
+_MIDPOINTS |= {f"{side}_knuckles": (f"{side}_index", f"{side}_pinky") for side in SIDES}
 
 SEGMENTS = (
     Segment("pelvis", "mid_hip", ("left_hip", "right_hip", Z), ("mid_hip", "neck", Y)),

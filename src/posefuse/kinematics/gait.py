@@ -15,8 +15,9 @@ import numpy as np
 
 from posefuse.core import PoseSequence
 from posefuse.core.arrays import Array
+from posefuse.core.skeleton import SIDES
 
-from .sides import SIDES, landmarks
+from .sides import landmarks
 
 _SLOWEST_M_S = 0.25
 _SMOOTH_S = 0.14
@@ -84,7 +85,7 @@ def gait_from_poses(sequence: PoseSequence, person: int = 0) -> Gait | None:
     moving = np.linalg.norm(velocity[:, :2], axis=-1) > _SLOWEST_M_S
     if not moving.any():
         return None
-    strikes, offs, heels = {}, {}, {}
+    strikes, offs, heels = (dict[str, Array]() for _ in range(3))
     for side in SIDES:
         heels[side], toe = _foot(points, side)
         tops = _peaks(((heels[side] - hips) * ahead).sum(-1), moving, rate_hz)

@@ -21,6 +21,7 @@ import numpy as np
 
 from posefuse.core import DependencyError, InputError, PoseSequence
 from posefuse.core.arrays import Array
+from posefuse.core.skeleton import SIDES
 from posefuse.formats.mot import MotTable, read_mot
 from posefuse.formats.trc import TrcData, write_trc
 from posefuse.foundation.parsing import one_line
@@ -74,7 +75,7 @@ _LINKS = (
 )
 _BODY_OF_NODE = {"pelvis": "pelvis", "stretch": "torso", "head": "head"} | {
     f"{side}_{node}": f"{body}_{side[0]}"
-    for side in ("left", "right")
+    for side in SIDES
     for node, body in (
         ("shoulder", "humerus"), ("carrying", "radius"), ("pronation", "hand"), ("hand", "hand"), ("hip", "femur"),
         ("varus", "tibia"), ("ankle", "foot"),

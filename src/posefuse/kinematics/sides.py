@@ -6,10 +6,9 @@ import numpy as np
 
 from posefuse.core import InputError, PoseSequence
 from posefuse.core.arrays import Array
+from posefuse.core.skeleton import SIDES
 
 from .definitions import LIMBS, POINTS, landmark_pairs
-
-SIDES = ("left", "right")
 
 _FEWEST_VOTES = 20
 _SURE = 0.8

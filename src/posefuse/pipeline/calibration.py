@@ -42,7 +42,7 @@ def background_of_person(paths: Mapping[str, Path], cameras: tuple[Camera, ...])
     if any(path.suffix.lower() not in VIDEO_SUFFIXES for path in paths.values()):
         return CalibrationReport("background", ())
     sources = [VideoConfig(path, name).build() for name, path in paths.items()]
-    return background_of(sources, cameras, timeline_of(sources)).report
+    return background_of(sources, cameras, timeline_of(sources).span_ns).report
 
 
 def find_person(
@@ -166,7 +166,7 @@ def _from_images(session: Session, config: TrackConfig, seconds: float, progress
     fetch_networks(config.detector, progress)
     detector = build_detector(config.detector, rig)
     tracks = person_tracks(poses_apart(sources, detector, timeline, progress))
-    background = background_of(sources, rig.cameras, timeline).report
+    background = background_of(sources, rig.cameras, timeline.span_ns).report
     return SessionSeen(rig=rig, tracks=tracks, frame_period_s=period_s, background=background)
 
 

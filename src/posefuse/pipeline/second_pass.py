@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Protocol
 
 import numpy as np
 
@@ -35,15 +34,6 @@ _NAMING_ROUNDS = 10
 _BLOCK_STEPS, _OVERLAP_STEPS = 20_000, 300
 
 
-class _Views(PartsOfViews, Protocol):
-    """Views in parts whose times are known."""
-
-    @property
-    def t_ns(self) -> Array:
-        """(T,) session clock."""
-        ...
-
-
 def long_enough(observations: Observations) -> list[int]:
     """The people who were followed long enough to be in the result.
 
@@ -59,7 +49,7 @@ def long_enough(observations: Observations) -> list[int]:
 
 
 def poses_over_time(
-    views: _Views,
+    views: PartsOfViews,
     rig: Rig,
     fusing: FuseSettings,
     smoothing: SmoothSettings | None,
@@ -89,7 +79,7 @@ def poses_over_time(
 class _Section:
     """The views of some of the time steps, made when a part of them is asked for."""
 
-    def __init__(self, views: _Views, steps: slice) -> None:
+    def __init__(self, views: PartsOfViews, steps: slice) -> None:
         self._views, self._first, self.t_ns = views, steps.start, views.t_ns[steps]
 
     def part(self, steps: slice) -> ViewSequence:
@@ -98,7 +88,7 @@ class _Section:
 
 
 def _block_over_time(
-    views: _Views, rig: Rig, fusing: FuseSettings, smoothing: SmoothSettings | None, centres: JointCentres | None
+    views: PartsOfViews, rig: Rig, fusing: FuseSettings, smoothing: SmoothSettings | None, centres: JointCentres | None
 ) -> PoseSequence:
     if fusing.weights == "robust":
         fused = _fused_with_sides_corrected(views, rig, fusing, smoothing or SmoothSettings())
@@ -108,7 +98,7 @@ def _block_over_time(
     return smooth(fused, smoothing) if smoothing else fused
 
 
-def _fused_over_time(views: _Views, rig: Rig, fusing: FuseSettings) -> PoseSequence:
+def _fused_over_time(views: PartsOfViews, rig: Rig, fusing: FuseSettings) -> PoseSequence:
     written, last = None, None
     for part in parts_of_steps(len(views.t_ns)):
         seen = views.part(part)
@@ -120,7 +110,7 @@ def _fused_over_time(views: _Views, rig: Rig, fusing: FuseSettings) -> PoseSeque
     return written.sequence()
 
 
-def _fused_with_sides_corrected(views: _Views, rig: Rig, fusing: FuseSettings, smoothing: SmoothSettings) -> PoseSequence:
+def _fused_with_sides_corrected(views: PartsOfViews, rig: Rig, fusing: FuseSettings, smoothing: SmoothSettings) -> PoseSequence:
     """Time steps fused, then again from views whose limbs are named left and right as the recording steadied over time has them.
 
     Where the first reference was still wrong, a better one names more views right: repeated until no view changes.
@@ -139,7 +129,7 @@ def _fused_again(
     fused: PoseSequence,
     reference: Array,
     exchanged: list[Array],
-    views: _Views,
+    views: PartsOfViews,
     rig: Rig,
     fusing: FuseSettings,
 ) -> PoseSequence | None:

@@ -34,6 +34,11 @@ class Timeline:
         """Time of step i."""
         return self.start_ns + i * self.period_ns
 
+    @property
+    def span_ns(self) -> tuple[int, int]:
+        """Time of the first step and of the last one."""
+        return self.start_ns, self.t_ns(self.count - 1)
+
 
 def common_timeline(
     times_ns: Mapping[str, Array],
@@ -235,7 +240,7 @@ class ImageTimeSteps:
         line, first, detector = self._timeline, 0 if stored is None else len(stored.step_t_ns), self._detector
         assert detector is not None  # time steps are read before closing
         self._counted = [self._from(source, first, stored) for source in self._sources]
-        self._sets = decoded(self._counted, line.t_ns(first), line.period_ns, line.t_ns(line.count - 1), self._on_lost)
+        self._sets = decoded(self._counted, line.t_ns(first), line.period_ns, line.span_ns[1], self._on_lost)
         for frame_set in self._sets:
             yield ImageStep(frame_set.t_ns, frame_set.frames, self._rig, detector)
 
@@ -249,9 +254,7 @@ class ImageTimeSteps:
 
     def incomplete(self) -> list[str]:
         """One line for each camera of which part cannot be read, or that ends before the others."""
-        line = self._timeline
-        end_ns = line.start_ns + (line.count - 1) * line.period_ns
-        return incomplete_cameras([source.coverage(line.start_ns, end_ns) for source in self._counted])
+        return incomplete_cameras([source.coverage(*self._timeline.span_ns) for source in self._counted])
 
     def _from(self, source: RecordedSource, first: int, stored: Observations | None) -> CountedSource:
         """The source from the frames of time step `first` on, where it is known of all frames before whether they can be read."""

@@ -10,9 +10,8 @@ import numpy as np
 from posefuse.core import Skeleton
 from posefuse.core.arrays import Array
 from posefuse.core.joint_centres import JOINT_DIRECTIONS, SEGMENT_ENDS
-from posefuse.core.skeleton import pick_keypoints
+from posefuse.core.skeleton import SIDES, pick_keypoints
 
-SIDES = ("left", "right")
 # of the head, which has no joint centres: a line through them gives its tilt
 HEAD = ("ear", "nose")
 _MIDLINE = ("nose",)

@@ -18,9 +18,10 @@ import numpy as np
 from posefuse.core import JointCentres, Kind, Pose3D, PoseSequence, Rig, Skeleton, ViewSequence
 from posefuse.core.arrays import Array
 from posefuse.core.joint_centres import JOINT_DIRECTIONS, SEGMENT_ENDS
+from posefuse.core.skeleton import SIDES
 from posefuse.core.view_sequences import PartsOfViews
 
-from .body_directions import SIDES, body_directions, keypoint_of, lengths_at, segment_lengths
+from .body_directions import body_directions, keypoint_of, lengths_at, segment_lengths
 from .sides import parts_of_steps, sides_that_differ, with_sides_exchanged
 
 Poses = TypeVar("Poses", Pose3D, PoseSequence)
@@ -186,7 +187,7 @@ class ViewsAtJointCentres:
 
     def __init__(self, poses: PoseSequence, rig: Rig, views: PartsOfViews, table: JointCentres | None) -> None:
         """`poses`: the 3D, at joint centres. `rig`, `views`: of the same people, cameras and times. `table`: of their offsets."""
-        self._rig, self._views = rig, views
+        self._rig, self._views, self.t_ns = rig, views, poses.t_ns
         self._landmarks = LandmarksInParts(poses.xyz_world, poses.skeleton, table) if table else None
         self._points = poses.xyz_world
         shape = poses.xyz_world.shape

@@ -8,6 +8,7 @@ import numpy as np
 
 from posefuse.core import Detections2D, Rig, Skeleton
 from posefuse.core.arrays import Array
+from posefuse.core.skeleton import SIDES
 
 _PERIOD_NS = 33_333_333
 _STAGGER_NS = 3_000_000
@@ -28,7 +29,7 @@ def made_up_person(skeleton: Skeleton) -> Array:
     places = []
     for name in skeleton.keypoints:
         side, _, part = name.partition("_")
-        place = _STANDING.get(part if side in ("left", "right") else name)
+        place = _STANDING.get(part if side in SIDES else name)
         beside = -1 if side == "right" else 1
         loose = np.array(_ELSEWHERE) + rng.normal(size=3) * _ELSEWHERE_M
         places.append(loose if place is None else np.array(place) * (1, beside, 1))

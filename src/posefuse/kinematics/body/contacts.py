@@ -13,8 +13,8 @@ import numpy as np
 
 from posefuse.core import Skeleton
 from posefuse.core.arrays import Array
+from posefuse.core.skeleton import SIDES
 from posefuse.kinematics.definitions import POINTS, landmark_pairs
-from posefuse.kinematics.sides import SIDES
 
 from . import fit_kernels
 

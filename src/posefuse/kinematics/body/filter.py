@@ -8,11 +8,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from posefuse.core.arrays import Array
+from posefuse.core.skeleton import SIDES
 from posefuse.kinematics import kernels
 from posefuse.kinematics.definitions import POINTS, SEGMENT_NAMES
 from posefuse.kinematics.joints import FrameBuffers
 from posefuse.kinematics.settings import BodySettings
-from posefuse.kinematics.sides import SIDES
 
 from . import fit_kernels, tree_kernels
 from .model import HABIT_S, SLACK_S, BodyModel, Packed, landmark_rows, packed_from_body
@@ -22,7 +22,7 @@ from .tree import BALL, NODE_SEGMENT
 
 # the joint to which a limb is attached -> the one at which its first segment ends
 _FIRST_SEGMENTS = (("shoulder", "elbow"), ("hip", "knee"))
-_LIMBS = {f"{side}_{upper}": f"{side}_{lower}" for side in ("left", "right") for upper, lower in _FIRST_SEGMENTS}
+_LIMBS = {f"{side}_{upper}": f"{side}_{lower}" for side in SIDES for upper, lower in _FIRST_SEGMENTS}
 
 
 def guessed_state(body: BodyModel, packed: Packed, workspace: FrameBuffers, xyz: Array) -> tuple[Array, Array] | None:
@@ -36,7 +36,7 @@ def guessed_state(body: BodyModel, packed: Packed, workspace: FrameBuffers, xyz:
     rotation = workspace.frames_alone(points)
     if np.isnan(rotation[SEGMENT_NAMES.index("pelvis")]).any():
         return None
-    hips = [body.skeleton.index(f"{side}_hip") for side in ("left", "right")]
+    hips = [body.skeleton.index(f"{side}_hip") for side in SIDES]
     q, rot = np.zeros(len(body.nodes)), np.tile(np.eye(3), (len(body.nodes), 1, 1))
     q[:3] = points[hips].mean(axis=0)
     frame, origin = np.empty_like(rot), np.empty((len(rot), 3))

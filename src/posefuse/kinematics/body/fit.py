@@ -9,10 +9,10 @@ import numpy as np
 
 from posefuse.core import JointAngles, Kind, PoseSequence, Rig, Views
 from posefuse.core.arrays import Array, give_away, take_back
+from posefuse.core.skeleton import SIDES
 from posefuse.core.view_sequences import PartsOfViews
 from posefuse.kinematics.joints import FrameBuffers, frames_of, joints_from_poses, joints_value
 from posefuse.kinematics.settings import BodySettings, JointSettings
-from posefuse.kinematics.sides import SIDES
 
 from .contacts import FOOT, Contacts, contacts_of, foot_rows
 from .filter import BodyFilter, Measurement, of_points, smoothed

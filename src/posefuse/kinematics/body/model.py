@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from posefuse.core import InputError, PoseSequence, Skeleton
 from posefuse.core.arrays import SIGMA_PER_MAD, Array
-from posefuse.core.skeleton import LIMB_ENDS
+from posefuse.core.skeleton import LIMB_ENDS, SIDES
 from posefuse.kinematics.definitions import SEGMENT_NAMES, landmark_pairs
 from posefuse.kinematics.joints import joints_from_poses
 from posefuse.kinematics.settings import BodySettings, JointSettings
@@ -148,7 +148,7 @@ def _median(values: Array) -> Array:
 def _lengths(points: dict[str, Array], noise_var: float, symmetric: bool) -> dict[str, Length]:
     spans = {"pelvis": points["right_hip"] - points["left_hip"], "shoulders": points["right_shoulder"] - points["left_shoulder"]}
     spans["trunk"] = (points["left_shoulder"] + points["right_shoulder"] - points["left_hip"] - points["right_hip"]) / 2
-    for side in ("left", "right"):
+    for side in SIDES:
         for bone, (upper, lower) in LIMB_ENDS.items():
             spans[f"{side}_{bone}"] = points[f"{side}_{upper}"] - points[f"{side}_{lower}"]
     distance = np.linalg.norm(np.stack(list(spans.values()), axis=1), axis=-1)
@@ -162,11 +162,10 @@ def _lengths(points: dict[str, Array], noise_var: float, symmetric: bool) -> dic
         lengths[name] = Length(float(np.sqrt(max(middle**2 - 2 * ends_var, (0.5 * middle) ** 2))), float(spread))
     if symmetric:
         for bone in LIMB_ENDS:
-            pair = [lengths[f"{side}_{bone}"] for side in ("left", "right") if f"{side}_{bone}" in lengths]
-            if len(pair) == 2:
-                shared = (pair[0].value_m + pair[1].value_m) / 2
-                for side, one in zip(("left", "right"), pair, strict=True):
-                    lengths[f"{side}_{bone}"] = Length(shared, one.spread_m)
+            left, right = (f"{side}_{bone}" for side in SIDES)
+            if left in lengths and right in lengths:
+                shared_m = (lengths[left].value_m + lengths[right].value_m) / 2
+                lengths |= {name: replace(lengths[name], value_m=shared_m) for name in (left, right)}
     return lengths
 
 
@@ -256,7 +255,7 @@ def _template_origins(points: dict[str, Array]) -> dict[str, Array]:
         return (points[f"left_{name}"] + points[f"right_{name}"]) / 2
 
     origins = {"head": middle("ear"), "stretch": middle("shoulder"), "pelvis": middle("hip")}
-    for side in ("left", "right"):
+    for side in SIDES:
         origins |= {f"{side}_hand": points[f"{side}_wrist"], f"{side}_ankle": points[f"{side}_ankle"]}
     return origins
 

@@ -13,6 +13,7 @@ import numpy as np
 
 from posefuse.core import PoseSequence, Skeleton
 from posefuse.core.arrays import Array, give_away
+from posefuse.core.skeleton import SIDES
 from posefuse.core.view_sequences import nearest_frames
 from posefuse.kinematics.joints import FrameBuffers
 from posefuse.kinematics.settings import BodySettings
@@ -192,7 +193,6 @@ def _lengths(body: BodyModel, names: tuple[str, ...], metres: Array, sigma: Arra
 
 # a missing joint -> the segment across the body there, and the pair of joints whose line it is taken to be parallel to
 _WIDTH_AT = {"shoulder": ("shoulders", "hip"), "hip": ("hips", "shoulder")}
-_SIDES = ("left", "right")
 
 
 def with_stand_ins(sequence: PoseSequence, prior: LengthPrior) -> PoseSequence:
@@ -204,10 +204,10 @@ def with_stand_ins(sequence: PoseSequence, prior: LengthPrior) -> PoseSequence:
     xyz = sequence.xyz_world.copy()
     places = {name: k for k, name in enumerate(sequence.skeleton.keypoints)}
     for joint, (segment, other) in _WIDTH_AT.items():
-        if any(f"{side}_{name}" not in places for side in _SIDES for name in (joint, other)) or segment not in prior.names:
+        if any(f"{side}_{name}" not in places for side in SIDES for name in (joint, other)) or segment not in prior.names:
             continue
         width_m = float(prior.mean_m[prior.names.index(segment)])
-        left, right = (places[f"{side}_{joint}"] for side in _SIDES)
+        left, right = (places[f"{side}_{joint}"] for side in SIDES)
         line = sequence.xyz_world[:, :, places[f"right_{other}"]] - sequence.xyz_world[:, :, places[f"left_{other}"]]
         line = width_m * line / np.linalg.norm(line, axis=-1, keepdims=True)
         for n in range(xyz.shape[1]):
@@ -232,7 +232,7 @@ def nearest_in_time(filled: Array, skeleton: Skeleton) -> Array:
 
     Only a place to start from: a limb that begins bent the wrong way may stay so, since rays far off count little.
     """
-    hips = [skeleton.index(f"{side}_hip") for side in ("left", "right")]
+    hips = [skeleton.index(f"{side}_hip") for side in SIDES]
     for n in range(filled.shape[1]):
         middle = filled[:, n, hips].mean(axis=1)
         for k in range(filled.shape[2]):

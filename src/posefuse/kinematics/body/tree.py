@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from posefuse.core.skeleton import SIDES
 from posefuse.kinematics.definitions import X, Y, Z
 
 SLIDE, HINGE, BALL = 0, 1, 2
@@ -69,12 +70,12 @@ NODES = (
 
 # the node each keypoint is fixed to; a limb joint sits at the node's own origin, the others at an estimated place
 _ENDS = {"elbow": "carrying", "wrist": "pronation", "knee": "varus", "ankle": "ankle", "shoulder": "shoulder", "hip": "hip"}
-_HEAD = ("nose", "head", *(f"{s}_{p}" for s in ("left", "right") for p in ("eye", "eye_inner", "eye_outer", "ear", "mouth")))
-AT_ORIGIN = {f"{side}_{point}": f"{side}_{node}" for side in ("left", "right") for point, node in _ENDS.items()}
+_HEAD = ("nose", "head", *(f"{s}_{p}" for s in SIDES for p in ("eye", "eye_inner", "eye_outer", "ear", "mouth")))
+AT_ORIGIN = {f"{side}_{point}": f"{side}_{node}" for side in SIDES for point, node in _ENDS.items()}
 TEMPLATES = (
     dict.fromkeys(_HEAD, "head")
-    | {f"{s}_{p}": f"{s}_hand" for s in ("left", "right") for p in ("index", "pinky", "thumb")}
-    | {f"{s}_{p}": f"{s}_ankle" for s in ("left", "right") for p in ("heel", "big_toe", "small_toe", "foot_index")}
+    | {f"{s}_{p}": f"{s}_hand" for s in SIDES for p in ("index", "pinky", "thumb")}
+    | {f"{s}_{p}": f"{s}_ankle" for s in SIDES for p in ("heel", "big_toe", "small_toe", "foot_index")}
     | {"neck": "stretch", "mid_hip": "pelvis"}
 )
 # the segment whose frame a template point is constant in, and the limb node that carries that segment's rotation
@@ -82,5 +83,5 @@ _TURNED = (
     ("shoulder", "upper_arm"), ("elbow", "forearm"), ("hand", "hand"), ("hip", "thigh"), ("knee", "shank"), ("ankle", "foot"),
 )  # fmt: skip
 NODE_SEGMENT = {"pelvis": "pelvis", "stretch": "thorax", "head": "head"} | {
-    f"{side}_{node}": f"{side}_{segment}" for side in ("left", "right") for node, segment in _TURNED
+    f"{side}_{node}": f"{side}_{segment}" for side in SIDES for node, segment in _TURNED
 }

@@ -12,6 +12,7 @@ from posefuse.core import InputError, PoseSequence, Recording
 from posefuse.core.arrays import Array, known_median
 from posefuse.core.palette import LEGEND
 from posefuse.core.poses import point_sigma_m
+from posefuse.core.skeleton import SIDES
 from posefuse.evaluation.gait_cycles import PERCENT, gait_cycles
 from posefuse.evaluation.report import RANGES
 from posefuse.formats.page import Band, Block, Cards, Heading, Line, Note, Page, Plot, Plots, Series, Table
@@ -20,8 +21,6 @@ from posefuse.kinematics.gait import Gait, gait_from_poses
 from posefuse.outputs.facts import duration_s
 
 # The figures of a trial for the table of a study.
-
-SIDES = ("left", "right")
 
 
 def recording_figures(recording: Recording) -> dict[str, Any]:

@@ -17,6 +17,7 @@ import numpy as np
 
 from posefuse.core import Skeleton
 from posefuse.core.arrays import Array
+from posefuse.core.skeleton import SIDES
 
 from .kernels.own_motion import CorrectionLimits, Prediction, Regression, WatchedKeypoints, anticipate, correct, learn
 from .kernels.state import SessionArrays
@@ -39,8 +40,7 @@ _MOST_M = 0.2
 _NEWEST_S, _OLDEST_S = 0.15, 0.15
 _LIMITS = CorrectionLimits(tested=_TESTED, oldest_s=_OLDEST_S, most_m=_MOST_M)
 _JOINTS = ("shoulder", "elbow", "wrist", "knee", "ankle")
-_SIDES = ("left", "right")
-_TRUNK = tuple(f"{side}_{joint}" for joint in ("hip", "shoulder") for side in _SIDES)
+_TRUNK = tuple(f"{side}_{joint}" for joint in ("hip", "shoulder") for side in SIDES)
 
 
 class OwnMotion:
@@ -49,7 +49,7 @@ class OwnMotion:
     def __init__(self, skeleton: Skeleton, session: SessionArrays) -> None:
         places = {name: i for i, name in enumerate(skeleton.keypoints)}
         self._session, self._skeleton = session, skeleton
-        joints = np.array([places[f"{s}_{j}"] for s in _SIDES for j in _JOINTS if f"{s}_{j}" in places], np.intp)
+        joints = np.array([places[f"{s}_{j}"] for s in SIDES for j in _JOINTS if f"{s}_{j}" in places], np.intp)
         trunk = np.array([places[name] for name in _TRUNK if name in places], np.intp)
         self._watched = WatchedKeypoints(joints, trunk)
         size, k = 4 + 6 * len(joints), len(skeleton)
