@@ -98,14 +98,10 @@ class Model:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class View:
-    """One camera's keypoints of this person: z, sigma_px, depth_m (K, ...) and so on as in `optics.Rays`."""
+    """One camera's keypoints of this person: rays and depth_m (K, ...) as in `optics.Rays`."""
 
     t_ns: int
-    camera: int
-    z: Array
-    white: Array
-    late_s: Array
-    sigma_px: Array
+    rays: KeypointRays
     depth_m: Array | None = None
 
 
@@ -137,17 +133,18 @@ class Person:
         """Work a view in at its own time; its figures, or None when it is older than memory."""
         if view.t_ns < self._moments[0].t_ns:
             return None
-        place = bisect_right(self._moments, (view.t_ns, view.camera), key=lambda m: (m.t_ns, m.camera))
-        self._moments.insert(place, _Moment(view.t_ns, view.camera, view, np.empty_like(self._moments[0].state)))
+        camera = view.rays.camera
+        place = bisect_right(self._moments, (view.t_ns, camera), key=lambda m: (m.t_ns, m.camera))
+        self._moments.insert(place, _Moment(view.t_ns, camera, view, np.empty_like(self._moments[0].state)))
         figures = newest = self._redone(place)
         for later in range(place + 1, len(self._moments)):
             newest = self._redone(later)
         self.speed_m_s = newest.speed_m_s
         if figures.measured > figures.gated:
-            self._measured_by_ns[view.camera] = max(view.t_ns, self._measured_by_ns.get(view.camera, view.t_ns))
+            self._measured_by_ns[camera] = max(view.t_ns, self._measured_by_ns.get(camera, view.t_ns))
         if figures.depths > 0:
             # depth gives the distance of the person, as a second camera does
-            self._measured_by_ns[_DEPTH_OF + view.camera] = self._measured_by_ns.get(view.camera, view.t_ns)
+            self._measured_by_ns[_DEPTH_OF + camera] = self._measured_by_ns.get(camera, view.t_ns)
         return figures
 
     def forget(self, before_ns: int) -> None:
@@ -191,13 +188,13 @@ class Person:
     def newest(self, since_ns: int, until_ns: int) -> list[View]:
         """The newest view of each camera between these times."""
         views = (moment.view for moment in self._moments if since_ns <= moment.t_ns <= until_ns)
-        return list({view.camera: view for view in views if view is not None}.values())
+        return list({view.rays.camera: view for view in views if view is not None}.values())
 
     def rays_into(self, view: View, z: Array, inverse_var: Array, then_world: Array) -> None:
         """Fill the rays of a view of this person, see `rays_of_person`."""
         before = (self._before(view.t_ns).state, self._before(view.t_ns + _ROW_NS).state)
         rays_of_person(
-            before, self._seconds(view.t_ns), _ROW_NS * 1e-9, _rays(view), self._model.arrays, z, inverse_var, then_world
+            before, self._seconds(view.t_ns), _ROW_NS * 1e-9, view.rays, self._model.arrays, z, inverse_var, then_world
         )  # fmt: skip
 
     def expected(self, t_ns: int) -> tuple[Array, Array]:
@@ -223,7 +220,7 @@ class Person:
         view = now.view
         assert view is not None
         figures: ViewFigures = step(
-            before.state, now.state, self._seconds(now.t_ns), _rays(view), self._model.arrays, view.depth_m
+            before.state, now.state, self._seconds(now.t_ns), view.rays, self._model.arrays, view.depth_m
         )  # fmt: skip
         return figures
 
@@ -232,10 +229,6 @@ class Person:
 
     def _seconds(self, t_ns: int) -> float:
         return (t_ns - self._birth_ns) * 1e-9
-
-
-def _rays(view: View) -> KeypointRays:
-    return KeypointRays(camera=view.camera, z=view.z, white=view.white, late_s=view.late_s, sigma_px=view.sigma_px)
 
 
 class Pose3DArrays:
@@ -292,13 +285,13 @@ class Evidence:
 
 def evidence_of(person: Person, model: Model, checked_ns: int, away_world: Array, t_ns: int) -> Evidence:
     """Of views not older than 150 ms at `t_ns`, which the order of arrival does not change."""
-    views = sorted(person.newest(t_ns - _NEWEST_NS, t_ns), key=lambda view: view.camera)
+    views = sorted(person.newest(t_ns - _NEWEST_NS, t_ns), key=lambda view: view.rays.camera)
     k = len(model.skeleton)
     z, inverse_var, then = np.empty((len(views), k, 2)), np.empty((len(views), k)), np.empty((len(views), k, 3))
     for v, view in enumerate(views):
         person.rays_into(view, z[v], inverse_var[v], then[v])
     return Evidence(
-        camera=np.array([view.camera for view in views], np.intp),
+        camera=np.array([view.rays.camera for view in views], np.intp),
         z=z,
         inverse_var=inverse_var,
         then_world=then,
