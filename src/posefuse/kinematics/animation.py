@@ -67,8 +67,8 @@ def animation_from_joints(sequence: PoseSequence, joints: JointAngles, person: i
         # the line from mid-hip to neck is rigid, so it turns about the hips
         return (turn, filled("pelvis")[1]) if name == "thorax" else (turn, place)
 
-    points, pelvis = landmarks(sequence), filled("pelvis")
-    tips = {name: np.mean([points[p][:, person] for p in _ENDS[name]], axis=0) for name in ends}
+    points, pelvis = landmarks(sequence.xyz_world[:, person], sequence.skeleton), filled("pelvis")
+    tips = {name: np.mean([points[p] for p in _ENDS[name]], axis=0) for name in ends}
     del points  # an hour of them takes as much memory as half of the rotations
     labels, parent, offset = ["pelvis"], [-1], [np.zeros(3)]
     rotation = [FILE_FROM_WORLD @ pelvis[0] @ FILE_FROM_SEGMENT.T]

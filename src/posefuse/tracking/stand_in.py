@@ -51,11 +51,8 @@ def made_up_detections(rig: Rig, skeleton: Skeleton, time_steps: int, start_ns: 
         sure = np.isfinite(seen[..., 0])
         if i % _AT_ODDS_EVERY == 1:
             seen[0, : k // 2] += _AT_ODDS_PX
-        score, sigma = sure.astype(np.float32), np.where(sure, 2.0, np.nan)
+        t_ns, sigma = start_ns + i * _PERIOD_NS, np.where(sure, 2.0, np.nan)
         yield [
-            Detections2D(
-                camera=name, t_ns=start_ns + i * _PERIOD_NS + c * _STAGGER_NS, skeleton=skeleton,
-                xy_img=seen[c][None], score=score[c][None], sigma_px=sigma[c][None], box_img=np.zeros((1, 4)),
-            )
+            Detections2D.of(name, t_ns + c * _STAGGER_NS, skeleton, seen[c], sure[c], sigma[c])
             for c, name in enumerate(rig.names)
-        ]  # fmt: skip
+        ]

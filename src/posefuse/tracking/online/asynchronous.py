@@ -172,10 +172,7 @@ class AsynchronousTracker:
                 gated_share=own.gated,
                 flipped_share=own.flipped,
                 unclaimed=own.unclaimed,
-                late=times.late,
-                ahead=times.ahead,
-                repeated=times.repeated,
-                crowded=times.crowded,
+                **times.refused,
             )
         return result
 
