@@ -63,7 +63,7 @@ def test_a_view_that_exchanges_a_limb_is_put_in_order(ring_rig) -> None:
     person = Person(model, 1, 0, xyz, np.broadcast_to(np.eye(3) * 1e-4, (k, 3, 3)))
     there = xyz @ camera.matrix().T + camera.xyz
     ideal = there[:, :2] / there[:, 2:]
-    order = np.where(model.group == 0, model.mirror, np.arange(k))
+    order = np.where(model.group == 0, model.skeleton.mirror, np.arange(k))
     seen, hidden = ideal[order], int(np.flatnonzero(model.group == 1)[0])
     seen[hidden] = np.nan
     sigma = rng.uniform(0.001, 0.003, k)

@@ -162,16 +162,6 @@ def write_report(
     Raises:
         InputError: joints of other time steps or people, or a place that cannot be written to.
     """
-    return write_page(out, report_page(recording, joints, title, angles))
-
-
-def report_page(
-    recording: Recording,
-    joints: JointAngles,
-    title: str = TITLE,
-    angles: str = "",
-) -> Page:
-    """The blocks of the report; see `write_report`."""
     poses = recording.poses
     if not (np.array_equal(joints.t_ns, poses.t_ns) and np.array_equal(joints.person_id, poses.person_id)):
         raise InputError(
@@ -193,7 +183,7 @@ def report_page(
     if recording.provenance:
         settings = {key: _text(value) for key, value in recording.provenance.items()}
         blocks += [Heading("How it was made"), Details("Settings and versions", [Facts(settings)])]
-    return Page(title, blocks)
+    return write_page(out, Page(title, blocks))
 
 
 def _origin(recording: Recording) -> dict[str, str]:

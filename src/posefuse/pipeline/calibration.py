@@ -23,7 +23,7 @@ from posefuse.health.background import background_of
 from posefuse.sources import VIDEO_SUFFIXES, VideoConfig
 
 from .config import TrackConfig
-from .opening import build_source, pose2d_rate_hz, read_session_poses, stated_camera
+from .opening import build_source, pose2d_rate_hz, read_session_poses, stated_rig
 from .person_poses import PersonSeen, person_in_videos, poses_apart, timeline_of
 from .session import LEAST_CAMERAS, Session, find_session, fitted_camera
 
@@ -178,11 +178,9 @@ def _from_files(session: Session, config: TrackConfig, seconds: float) -> Sessio
         frames = list(one.frames(rate_hz))
         spare = max(0, len(frames) - round(seconds * rate_hz)) // 2
         found[entry.camera] = frames[spare : len(frames) - spare]
-    cameras = tuple(stated_camera(session.rig[entry.camera], entry) for entry in session.inputs)
-    rig = replace(session.rig, cameras=cameras)
     return SessionSeen(
-        rig=rig,
+        rig=stated_rig(session),
         tracks=person_tracks(found),
-        frame_period_s=(1 / rate_hz,) * len(cameras),
+        frame_period_s=(1 / rate_hz,) * len(found),
         background=CalibrationReport("background", ()),
     )

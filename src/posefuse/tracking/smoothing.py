@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from posefuse.core import Kind, PoseSequence, Skeleton
@@ -46,10 +48,8 @@ def smooth(sequence: PoseSequence, settings: SmoothSettings) -> PoseSequence:
     there = np.isfinite(xyz[..., 0])
     kind = np.where(used, Kind.SMOOTHED, np.where(there, Kind.INTERPOLATED, Kind.MISSING))
     give_away(xyz, cov)
-    return PoseSequence(
-        t_ns=sequence.t_ns,
-        skeleton=sequence.skeleton,
-        person_id=sequence.person_id,
+    return replace(
+        sequence,
         xyz_world=xyz,
         cov_world=cov,
         reproj_px=np.where(used, sequence.reproj_px, np.nan),

@@ -185,7 +185,7 @@ class AsynchronousTracker:
         for n, person in enumerate(self._people):
             means, sigmas = person.expected(t_ns)
             person_agreement(
-                model.cameras[c], means, sigmas, rays.z, model.mirror, _TOLERANCE_M, support[n], share[n]
+                model.cameras[c], means, sigmas, rays.z, model.skeleton.mirror, _TOLERANCE_M, support[n], share[n]
             )  # fmt: skip
         support = np.where(share >= _CLAIMED_SHARE, support, 0.0)
         rows, places = linear_sum_assignment(-support) if support.size > 1 else ([0], [0])

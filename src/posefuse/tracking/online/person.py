@@ -14,7 +14,7 @@ from posefuse.tracking.settings import MOTION, LiveMotion, LiveSettings
 
 from .kernels.pose import PoseRow, pose, rays_of_person, where
 from .kernels.rays import exchange_groups
-from .kernels.state import GROUPS, KeypointRays, Rules, SessionArrays, born, state_size
+from .kernels.state import KeypointRays, Rules, SessionArrays, born, state_size
 from .kernels.step import ViewFigures, step
 from .kernels.updates import begin_again
 from .own_motion import OwnMotion
@@ -52,36 +52,21 @@ class Model:
         return np.array([[[one.acceleration_m_s2, one.persistence_s] for one in bank] for bank in banks])
 
     @cached_property
-    def mirror(self) -> Array:
-        """(K,) counterparts."""
-        return np.asarray(self.skeleton.mirror, np.int64)
-
-    @cached_property
     def group(self) -> Array:
         """(K,) what is exchanged together: arms 0, legs 1, head 2; -1 on the midline."""
         groups = np.full(len(self.skeleton), 2, np.int64)
         for number, sides in enumerate(self.skeleton.limbs):
             groups[np.concatenate(sides)] = number
-        groups[self.mirror == np.arange(len(self.skeleton))] = -1
+        groups[self.skeleton.mirror == np.arange(len(self.skeleton))] = -1
         return groups
-
-    @property
-    def groups(self) -> int:
-        """How many groups there are."""
-        return GROUPS
-
-    @cached_property
-    def ends(self) -> Array:
-        """(B, 2) bones."""
-        return np.asarray(self.skeleton.bone_indices, np.int64)
 
     @cached_property
     def neighbours(self) -> Array:
         """(K, n) keypoints at the other ends of each one's bones, -1 for none."""
         lists: list[list[int]] = [[] for _ in self.skeleton.keypoints]
-        for a, b in self.ends:
-            lists[a].append(int(b))
-            lists[b].append(int(a))
+        for a, b in self.skeleton.bone_indices.tolist():
+            lists[a].append(b)
+            lists[b].append(a)
         most = max(1, *(len(one) for one in lists))
         return np.array([one + [-1] * (most - len(one)) for one in lists], np.int64)
 
@@ -91,8 +76,8 @@ class Model:
         values = {**vars(self.motion), "lost_after_s": self.settings.lost_after_s}
         rules = Rules(*(float(values[name]) for name in Rules._fields))
         return SessionArrays(
-            cameras=self.cameras, mirror=self.mirror, group=self.group, neighbours=self.neighbours, ends=self.ends,
-            models=self.models, rules=rules,
+            cameras=self.cameras, mirror=self.skeleton.mirror, group=self.group, neighbours=self.neighbours,
+            ends=self.skeleton.bone_indices, models=self.models, rules=rules,
         )  # fmt: skip
 
 
