@@ -38,14 +38,14 @@ def test_a_bvh_read_back_is_the_same_motion(sequence, tmp_path):
     back = read_bvh(tmp_path / "a.bvh")
     assert back.frame_s == pytest.approx(1 / 30, abs=1e-7)
     _, position = back.world()
-    points = landmarks(sequence)
+    points = landmarks(sequence.xyz_world[:, 0], sequence.skeleton)
     expected = {
         "left_forearm": "left_elbow", "right_hand": "right_wrist", "left_foot": "left_ankle", "right_shank": "right_knee",
         "left_foot_end": "left_toe", "head_end": "nose", "left_upper_arm": "left_shoulder",
     }  # fmt: skip
     for joint, point in expected.items():
         world_m = position[:, back.names.index(joint)] @ FILE_FROM_WORLD * 0.01
-        np.testing.assert_allclose(world_m, points[point][:, 0], atol=2e-5, err_msg=joint)
+        np.testing.assert_allclose(world_m, points[point], atol=2e-5, err_msg=joint)
 
 
 def test_the_rest_pose_stands_upright_and_faces_z(sequence, tmp_path):

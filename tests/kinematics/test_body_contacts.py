@@ -3,15 +3,12 @@
 import built
 import numpy as np
 import pytest
-from built import view_sequence
+from built import simulated, view_sequence
 
 from posefuse.core import PoseSequence
 from posefuse.core.skeleton import ANATOMICAL23
-from posefuse.foundation.settings import settings_from_mapping
 from posefuse.kinematics.body import BodySettings, bodies_from_poses, fit_views
 from posefuse.kinematics.body.contacts import contacts_of
-from posefuse_sim.exact import truth_of
-from posefuse_sim.scene import Scene
 
 RATE_HZ, SIGMA_PX, SIGMA_M = 20.0, 1.5, 0.006
 SOLES = tuple(f"{side}_{part}" for side in ("left", "right") for part in ("heel", "big_toe"))
@@ -21,13 +18,7 @@ LOOSE = BodySettings(contact_sigma_m=0.0)
 @pytest.fixture(scope="module")
 def walker():
     """(T, 1, K, 3) exact keypoints of a simulated person who walks along a line."""
-    scene = {
-        "duration_s": 2.5,
-        "rate_hz": RATE_HZ,
-        "cameras": {"kind": "ring", "count": 2},
-        "people": [{"motion": {"kind": "walk", "path": {"shape": "line", "start_m": [-2, 0], "end_m": [2, 0.4]}}}],
-    }
-    return truth_of(settings_from_mapping(scene, Scene, where="walker")).xyz_world
+    return simulated({"kind": "walk", "path": {"shape": "line", "start_m": [-2, 0], "end_m": [2, 0.4]}}, 2.5, RATE_HZ)
 
 
 @pytest.fixture(scope="module")

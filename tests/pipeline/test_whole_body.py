@@ -6,20 +6,17 @@ from typing import Any
 import built
 import numpy as np
 import pytest
-from built import arrays_of, recording_from_views
+from built import arrays_of, recording_from_views, simulated
 
 from posefuse.core import Kind, PoseSequence, Recording
 from posefuse.core.skeleton import COCO17
 from posefuse.detection.card import read_card
 from posefuse.formats.joint_centres import read_joint_centres
-from posefuse.foundation.settings import settings_from_mapping
 from posefuse.kinematics.body import BodySettings, fit_views
 from posefuse.pipeline import second_pass
 from posefuse.pipeline.config import TrackConfig, changed_config
 from posefuse.pipeline.second_pass import fit_bodies_in_place, hidden_people
 from posefuse.pipeline.solve import fits_bodies
-from posefuse_sim.exact import truth_of
-from posefuse_sim.scene import Scene
 
 SIGMA_PX, SIGMA_M, STEPS = 1.0, 0.005, 40
 HIDDEN = slice(12, 30)
@@ -28,9 +25,7 @@ WRIST, ELBOW = COCO17.index("left_wrist"), COCO17.index("left_elbow")
 
 def keypoints_of(motion: dict, steps: int) -> np.ndarray:
     """(T, 1, K, 3) keypoints of a simulated person at 30 Hz."""
-    cameras = {"kind": "ring", "count": 2, "radius_m": 4.0, "height_m": 2.0, "image": {"size_px": [64, 48]}}
-    scene = {"duration_s": steps / 30, "rate_hz": 30, "cameras": cameras, "people": [{"motion": motion}]}
-    return truth_of(settings_from_mapping(scene, Scene, where="person")).xyz_world[:steps, :, : len(COCO17)]
+    return simulated(motion, steps / 30, 30)[:steps, :, : len(COCO17)]
 
 
 @pytest.fixture(scope="module")

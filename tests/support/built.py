@@ -35,12 +35,30 @@ Point = tuple[float, float, float]
 _LEFT = {
     "eye": (0.10, 0.03, 1.65), "ear": (0.0, 0.08, 1.63), "shoulder": (0.0, 0.19, 1.42), "elbow": (0.03, 0.27, 1.14),
     "wrist": (0.12, 0.28, 0.90), "hip": (0.0, 0.10, 0.93), "knee": (0.03, 0.11, 0.50), "ankle": (0.0, 0.11, 0.09),
+    "heel": (-0.05, 0.11, 0.03), "foot_index": (0.18, 0.11, 0.03),
 }  # fmt: skip
 
 
-def standing(x: float = 0.0, y: float = 0.0, size: float = 1.0) -> np.ndarray:
-    """(17, 3) a person of 1.75 m times `size` standing at (x, y)."""
-    return of_sides(COCO17, _LEFT, nose=(0.12, 0.0, 1.62)) * size + [x, y, 0]
+def standing(x: float = 0.0, y: float = 0.0, size: float = 1.0, skeleton: Skeleton = COCO17) -> np.ndarray:
+    """(K, 3) a person of 1.75 m times `size` standing at (x, y)."""
+    return of_sides(skeleton, _LEFT, nose=(0.12, 0.0, 1.62)) * size + [x, y, 0]
+
+
+def simulated(motion: Mapping[str, Any], seconds: float, rate_hz: float) -> np.ndarray:
+    """(T, 1, 23, 3) exact keypoints of a simulated person."""
+    from posefuse.foundation.settings import settings_from_mapping
+    from posefuse_sim.exact import truth_of
+    from posefuse_sim.scene import Scene
+
+    scene = {"duration_s": seconds, "rate_hz": rate_hz, "cameras": {"kind": "ring", "count": 2}, "people": [{"motion": motion}]}
+    return truth_of(settings_from_mapping(scene, Scene, where="person")).xyz_world
+
+
+def without(view: Detections2D, keypoints: Sequence[int] | np.ndarray) -> Detections2D:
+    """The same view, these keypoints unseen."""
+    xy, score = view.xy_img.copy(), view.score.copy()
+    xy[:, keypoints], score[:, keypoints] = np.nan, 0.0
+    return replace(view, xy_img=xy, score=score)
 
 
 def of_sides(skeleton: Skeleton, left: Mapping[str, Point], **others: Point) -> np.ndarray:

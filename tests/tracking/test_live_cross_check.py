@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from built import without
 
 from posefuse.core.skeleton import COCO17
 from posefuse.tracking.online import LiveSettings
@@ -149,12 +150,6 @@ def exchanged(view, keypoints):
     xy, mirror = view.xy_img.copy(), np.array(COCO17.mirror)
     xy[:, keypoints] = view.xy_img[:, mirror[keypoints]]
     return replace(view, xy_img=xy)
-
-
-def without(view, keypoints):
-    xy, score = view.xy_img.copy(), view.score.copy()
-    xy[:, keypoints], score[:, keypoints] = np.nan, 0.0
-    return replace(view, xy_img=xy, score=score)
 
 
 def wrong_wrist(view):

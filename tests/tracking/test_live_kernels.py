@@ -9,7 +9,7 @@ from posefuse.tracking.matrix_kernels import inverse3
 from posefuse.tracking.online import LiveMotion, LiveSettings, MotionModel
 from posefuse.tracking.online.kernels.body import start_missing
 from posefuse.tracking.online.kernels.rays import exchange_person
-from posefuse.tracking.online.kernels.state import NEVER, parts, state_size
+from posefuse.tracking.online.kernels.state import NEVER, KeypointRays, parts, state_size
 from posefuse.tracking.online.kernels.updates import doubt
 from posefuse.tracking.online.person import Model, Person, View
 
@@ -63,12 +63,13 @@ def test_a_view_that_exchanges_a_limb_is_put_in_order(ring_rig) -> None:
     person = Person(model, 1, 0, xyz, np.broadcast_to(np.eye(3) * 1e-4, (k, 3, 3)))
     there = xyz @ camera.matrix().T + camera.xyz
     ideal = there[:, :2] / there[:, 2:]
-    order = np.where(model.group == 0, model.mirror, np.arange(k))
+    order = np.where(model.group == 0, model.skeleton.mirror, np.arange(k))
     seen, hidden = ideal[order], int(np.flatnonzero(model.group == 1)[0])
     seen[hidden] = np.nan
     sigma = rng.uniform(0.001, 0.003, k)
     white = np.eye(2) / sigma[order, None, None]
-    view = View(t_ns=0, camera=1, z=seen, white=white, late_s=rng.uniform(0, 0.01, k), sigma_px=np.ones(k))
+    rays = KeypointRays(camera=1, z=seen, white=white, late_s=rng.uniform(0, 0.01, k), sigma_px=np.ones(k))
+    view = View(t_ns=0, rays=rays)
     z, inverse_var, then = np.empty((k, 2)), np.empty(k), np.empty((k, 3))
     person.rays_into(view, z, inverse_var, then)
     known = np.arange(k) != hidden

@@ -1,6 +1,6 @@
 """Arrays that are checked once and can no longer be written."""
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from functools import cache
 from typing import Any
 
@@ -52,6 +52,11 @@ def _is_frozen(value: Any, dtype: DTypeLike) -> bool:
     return value is None
 
 
+def taken(value: Any, names: Iterable[str], places: Any) -> dict[str, Any]:
+    """These fields of a value at these places of their axes, by name; one that is None stays so."""
+    return {name: None if (array := getattr(value, name)) is None else array[places] for name in names}
+
+
 def known_median(values: Array, unknown: float = float("nan")) -> float:
     """Median of the finite values; `unknown` where there is none."""
     known = values[np.isfinite(values)]
@@ -65,6 +70,8 @@ def median_apart(one: Array, other: Array) -> float:
 
 # standard deviation of a normal distribution from its median absolute deviation
 SIGMA_PER_MAD = 1.4826
+# median of a chi-square of 3 degrees of freedom
+MEDIAN_CHI2 = 2.366
 
 
 def freeze_fields(value: Any, dtypes: Mapping[str, DTypeLike]) -> None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from .arrays import Array
-from .values import Detections2D
+from .values import Detections2D, keypoint_boxes
 
 # keypoints that two detections must share before their distance is meaningful
 _LEAST_SHARED = 3
@@ -23,7 +23,8 @@ def duplicates(detections: Detections2D, share: float) -> Array:
         return repeated
     seen = (detections.score > 0) & np.isfinite(detections.xy_img).all(axis=-1)
     xy = np.where(seen[..., None], detections.xy_img, np.nan).astype(np.float64)
-    side = _longest_side(xy)
+    box = keypoint_boxes(xy, detections.score)
+    side = np.nan_to_num(box[:, 2:] - box[:, :2]).max(axis=-1)
     apart = np.minimum(_median_distances(xy, xy), _median_distances(xy, xy[:, detections.skeleton.mirror]))
     close = apart < share * np.maximum(side[:, None], side)
     sure = np.where(seen, detections.score, 0.0).sum(axis=1)
@@ -34,12 +35,6 @@ def duplicates(detections: Detections2D, share: float) -> Array:
         else:
             kept.append(p)
     return repeated
-
-
-def _longest_side(xy: Array) -> Array:
-    known = np.isfinite(xy)
-    low, high = np.where(known, xy, np.inf).min(axis=1), np.where(known, xy, -np.inf).max(axis=1)
-    return np.asarray(np.clip(high - low, 0.0, None).max(axis=-1))
 
 
 def _median_distances(one: Array, other: Array) -> Array:

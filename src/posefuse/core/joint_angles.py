@@ -7,9 +7,10 @@ from types import MappingProxyType
 
 import numpy as np
 
-from .arrays import Array, check_fields, freeze_fields
+from .arrays import Array, check_fields, freeze_fields, taken
 from .errors import InputError, ShapeError, choices
 from .se3 import SE3
+from .skeleton import SIDES
 
 
 @dataclass(frozen=True, eq=False, kw_only=True, repr=False)
@@ -138,14 +139,8 @@ class JointAngles:
         place = np.flatnonzero(self.person_id == person_id)
         if len(place) != 1:
             raise InputError(f"joint angles: no person {person_id}; there are: {choices(map(str, self.person_id))}")
-        n = slice(place[0], place[0] + 1)
-        return replace(
-            self,
-            person_id=self.person_id[n],
-            world_from_segment=self.world_from_segment[:, n],
-            angle_rad=self.angle_rad[:, n],
-            sigma_rad=self.sigma_rad[:, n],
-        )
+        over_time = ("world_from_segment", "angle_rad", "sigma_rad")
+        return replace(self, person_id=self.person_id[place], **taken(self, over_time, (slice(None), place)))
 
 
 def angle_labels(joints: JointAngles, between: str) -> list[str]:
@@ -186,7 +181,7 @@ OPENSIM = MappingProxyType(
     _TRUNK
     | {
         f"{name}_{side[0]}": (f"{side}_{joint}", angle, sign)
-        for side in ("left", "right")
+        for side in SIDES
         for name, (joint, angle, sign) in _BOTH_SIDES.items()
     }
 )

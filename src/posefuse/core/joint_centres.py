@@ -10,6 +10,7 @@ import numpy as np
 
 from .arrays import Array, frozen
 from .errors import ConfigError, ShapeError, choices
+from .skeleton import LIMB_ENDS
 
 # joint (without its side) -> directions it may be moved along, see `tracking.body_directions`
 JOINT_DIRECTIONS = {
@@ -24,10 +25,7 @@ JOINT_DIRECTIONS = {
 }
 # segment -> the keypoints at its ends
 SEGMENT_ENDS = {
-    "upper_arm": ("{side}_shoulder", "{side}_elbow"),
-    "forearm": ("{side}_elbow", "{side}_wrist"),
-    "thigh": ("{side}_hip", "{side}_knee"),
-    "shank": ("{side}_knee", "{side}_ankle"),
+    **{segment: (f"{{side}}_{upper}", f"{{side}}_{lower}") for segment, (upper, lower) in LIMB_ENDS.items()},
     "shoulders": ("left_shoulder", "right_shoulder"),
     "hips": ("left_hip", "right_hip"),
     "trunk": ("mid_hip", "neck"),

@@ -30,7 +30,7 @@ def distort(xy_norm: Array, coefficients: Array, model: str) -> Array:
     if model == "fisheye":
         return _fisheye_distort(xy_norm, coefficients)
     bent, _ = _brown(xy_norm, _padded(coefficients))
-    return _tilted(bent, coefficients)
+    return _on_tilted_sensor(bent, coefficients)
 
 
 def undistort(xy_bent: Array, coefficients: Array, model: str) -> Array:
@@ -39,7 +39,7 @@ def undistort(xy_bent: Array, coefficients: Array, model: str) -> Array:
         return xy_bent
     if model == "fisheye":
         return _fisheye_undistort(xy_bent, coefficients)
-    return _brown_inverse(_untilted(xy_bent, coefficients), _padded(coefficients))
+    return _brown_inverse(_on_tilted_sensor(xy_bent, coefficients, inverse=True), _padded(coefficients))
 
 
 def _padded(coefficients: Array) -> Array:
@@ -114,28 +114,25 @@ def tilt_matrix(tau_x_rad: float, tau_y_rad: float) -> Array:
     return np.asarray(onto_plane @ turn)
 
 
-def _tilted(xy: Array, coefficients: Array) -> Array:
+def _on_tilted_sensor(xy: Array, coefficients: Array, *, inverse: bool = False) -> Array:
+    """Points (..., 2) on the sensor of points on one that is not tilted, or the inverse."""
     if len(coefficients) < 14:
         return xy
-    return _homography(xy, tilt_matrix(float(coefficients[12]), float(coefficients[13])))
-
-
-def _untilted(xy: Array, coefficients: Array) -> Array:
-    if len(coefficients) < 14:
-        return xy
-    return _homography(xy, np.linalg.inv(tilt_matrix(float(coefficients[12]), float(coefficients[13]))))
-
-
-def _homography(xy: Array, matrix: Array) -> Array:
+    matrix = tilt_matrix(float(coefficients[12]), float(coefficients[13]))
+    matrix = np.linalg.inv(matrix) if inverse else matrix
     moved = xy @ matrix[:, :2].T + matrix[:, 2]
     return np.asarray(moved[..., :2] / moved[..., 2:])
 
 
+def _fisheye_bent(angle: Array, k: Array) -> Array:
+    """Distance from the principal point, in focal lengths, of rays at these angles from the optical axis."""
+    a2 = angle * angle
+    return np.asarray(angle * (1 + a2 * (k[0] + a2 * (k[1] + a2 * (k[2] + a2 * k[3])))))
+
+
 def _fisheye_distort(xy: Array, k: Array) -> Array:
     radius = np.linalg.norm(xy, axis=-1, keepdims=True)
-    angle = np.arctan(radius)
-    a2 = angle * angle
-    bent = angle * (1 + a2 * (k[0] + a2 * (k[1] + a2 * (k[2] + a2 * k[3]))))
+    bent = _fisheye_bent(np.arctan(radius), k)
     return np.asarray(xy * np.where(radius > 1e-12, bent / np.where(radius > 0, radius, 1.0), 1.0))
 
 
@@ -145,14 +142,12 @@ def _fisheye_undistort(xy_bent: Array, k: Array) -> Array:
     with np.errstate(all="ignore"):
         for _ in range(_ITERATIONS):
             a2 = angle * angle
-            value = angle * (1 + a2 * (k[0] + a2 * (k[1] + a2 * (k[2] + a2 * k[3])))) - bent
             slope = 1 + a2 * (3 * k[0] + a2 * (5 * k[1] + a2 * (7 * k[2] + a2 * 9 * k[3])))
-            step = value / np.where(slope > 0, slope, np.nan)
+            step = (_fisheye_bent(angle, k) - bent) / np.where(slope > 0, slope, np.nan)
             angle = angle - step
             if not (np.abs(step) > _CONVERGED_NORM).any():
                 break
-        a2 = angle * angle
-        left = np.abs(angle * (1 + a2 * (k[0] + a2 * (k[1] + a2 * (k[2] + a2 * k[3])))) - bent)
+        left = np.abs(_fisheye_bent(angle, k) - bent)
         good = (left < _ACCEPTED_NORM) & (angle >= 0) & (angle < np.pi / 2)
         scale = np.where(bent > 1e-12, np.tan(angle) / np.where(bent > 0, bent, 1.0), 1.0)
         return np.where(good, xy_bent * scale, np.nan)

@@ -6,11 +6,12 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from enum import IntEnum
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from numpy.typing import DTypeLike
 
-from .arrays import Array, check_fields, freeze_fields
+from .arrays import Array, check_fields, freeze_fields, taken
 from .depth import joined_depth
 from .errors import ShapeError, choices
 from .skeleton import Skeleton
@@ -155,20 +156,18 @@ class Observations:
         """(R,) the frame of each detection."""
         return np.repeat(np.arange(len(self.n_detections)), self.n_detections)
 
-    def detections(self, i: int) -> Detections2D:
-        """Row i of the frame table: all that one look found in one frame."""
-        rows = slice(self.frame_begin[i], self.frame_begin[i + 1])
+    def detections(self, i: int, rows: Array | None = None) -> Detections2D:
+        """Row i of the frame table: all that one look found in one frame, or these rows of the detection table instead."""
         return Detections2D(
             camera=self.camera_names[self.frame_camera[i]],
             t_ns=int(self.frame_t_ns[i]),
             skeleton=self.skeleton,
-            **self.rows(rows),
+            **self.rows(slice(self.frame_begin[i], self.frame_begin[i + 1]) if rows is None else rows),
         )
 
-    def rows(self, rows: Array | slice) -> dict[str, Array]:
+    def rows(self, rows: Array | slice) -> dict[str, Any]:
         """These rows of the detection table, by the names of `Detections2D`."""
-        found: dict[str, Array] = {name: getattr(self, name)[rows] for name in DETECTION_ARRAYS}
-        return found if self.depth_m is None else found | {"depth_m": self.depth_m[rows]}
+        return taken(self, (*DETECTION_ARRAYS, "depth_m"), rows)
 
     def of(self, camera: str) -> Observations:
         """What one camera observed; raises ShapeError for a name that is not there."""
@@ -180,10 +179,8 @@ class Observations:
     def only(self, frames: Array) -> Observations:
         """The log of these frames (F,) bool alone; the time steps stay."""
         rows = frames[self.detection_frame]
-        parts = {name: getattr(self, name)[frames if axes == "F" else rows] for name, axes in _AXES.items() if axes != "T"}
-        if self.depth_m is not None:
-            parts["depth_m"] = self.depth_m[rows]
-        return replace(self, **parts)
+        of_frames = taken(self, [name for name, axes in _AXES.items() if axes == "F"], frames)
+        return replace(self, person_id=self.person_id[rows], **of_frames, **self.rows(rows))
 
     def with_person_ids(self, person_id: Array) -> Observations:
         """The same detections with other people (R,)."""

@@ -5,12 +5,11 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from enum import IntEnum
-from typing import Any
 
 import numpy as np
 from numpy.typing import DTypeLike
 
-from .arrays import Array, check_fields, freeze_fields, give_away
+from .arrays import Array, check_fields, freeze_fields, give_away, taken
 from .errors import ShapeError
 from .skeleton import Skeleton
 from .values import check_keypoints
@@ -65,8 +64,7 @@ class Pose3D:
 
     def people(self, which: Array) -> Pose3D:
         """These people only: `which` is (N,) bool, or their places on axis N in the order wanted."""
-        chosen: dict[str, Any] = {name: getattr(self, name)[which] for name in _POSE_AXES}
-        return replace(self, **chosen)
+        return replace(self, **taken(self, _POSE_AXES, which))
 
 
 def point_sigma_m(cov: Array) -> Array:
@@ -90,6 +88,8 @@ _POSE_AXES = {
     "n_views": "N K",
     "kind": "N K",
 }
+# those that change with time
+_PLANES = tuple(name for name in _POSE_AXES if name != "person_id")
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -130,18 +130,16 @@ class PoseSequence:
 
     def at(self, i: int) -> Pose3D:
         """The time step at place i of axis T."""
-        arrays = {name: getattr(self, name)[i] for name in _POSE_AXES if name != "person_id"}
+        arrays = taken(self, _PLANES, i)
         return Pose3D(t_ns=int(self.t_ns[i]), skeleton=self.skeleton, person_id=self.person_id, **arrays)
 
     def part(self, steps: slice) -> PoseSequence:
         """These time steps only."""
-        arrays: dict[str, Any] = {name: getattr(self, name)[steps] for name in _POSE_AXES if name != "person_id"}
-        return replace(self, t_ns=self.t_ns[steps], **arrays)
+        return replace(self, **taken(self, ("t_ns", *_PLANES), steps))
 
     def people(self, which: Array | slice) -> PoseSequence:
         """These people only: `which` is (N,) bool, or their places on axis N in the order wanted."""
-        arrays: dict[str, Any] = {name: getattr(self, name)[:, which] for name in _POSE_AXES if name != "person_id"}
-        return replace(self, person_id=self.person_id[which], **arrays)
+        return replace(self, person_id=self.person_id[which], **taken(self, _PLANES, (slice(None), which)))
 
     @staticmethod
     def from_poses(poses: Sequence[Pose3D]) -> PoseSequence:
@@ -161,17 +159,30 @@ class PoseSequence:
         if not all(np.array_equal(pose.person_id, ids) for pose in poses):
             ids = np.unique(np.concatenate([pose.person_id for pose in poses]))
         place = {person: n for n, person in enumerate(ids.tolist())}
-        shape = (len(poses), len(ids), len(skeleton))
-        planes = {
-            "xyz_world": np.full((*shape, 3), np.nan),
-            "cov_world": np.full((*shape, 3, 3), np.nan),
-            "reproj_px": np.full(shape, np.nan),
-            "n_views": np.zeros(shape, np.uint8),
-            "kind": np.full(shape, Kind.MISSING, np.uint8),
-        }
+        written = WrittenPoses(np.array([pose.t_ns for pose in poses]), skeleton, ids)
         for i, pose in enumerate(poses):
-            at = [place[person] for person in pose.person_id.tolist()]
-            for name, plane in planes.items():
-                plane[i, at] = getattr(pose, name)
-        give_away(*planes.values())
-        return PoseSequence(t_ns=np.array([pose.t_ns for pose in poses]), skeleton=skeleton, person_id=ids, **planes)
+            written.write(i, pose, [place[person] for person in pose.person_id.tolist()])
+        return written.sequence()
+
+
+class WrittenPoses:
+    """Room for the poses of people (N,) at times (T,), each missing until it is written."""
+
+    def __init__(self, t_ns: Array, skeleton: Skeleton, person_id: Array) -> None:
+        self._t_ns, self._skeleton, self._person_id = t_ns, skeleton, person_id
+        sizes = {"N": len(person_id), "K": len(skeleton), "3": 3}
+        shapes = {name: (len(t_ns), *(sizes[axis] for axis in _POSE_AXES[name].split())) for name in _PLANES}
+        self._planes = {
+            name: np.full(shape, Kind.MISSING if _POSE_DTYPES[name] is np.uint8 else np.nan, _POSE_DTYPES[name])
+            for name, shape in shapes.items()
+        }
+
+    def write(self, steps: int | slice, poses: Pose3D | PoseSequence, people: list[int] | slice = slice(None)) -> None:
+        """The poses of these people, places on axis N, at a time step or several."""
+        for name, plane in self._planes.items():
+            plane[steps, people] = getattr(poses, name)
+
+    def sequence(self) -> PoseSequence:
+        """All that was written; nothing can be written any more."""
+        give_away(*self._planes.values())
+        return PoseSequence(t_ns=self._t_ns, skeleton=self._skeleton, person_id=self._person_id, **self._planes)

@@ -5,14 +5,14 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
-from typing import Any, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 
 from .arrays import Array
 from .errors import ConfigError, choices
 
-SIDES = ("left", "right")
+SIDES: tuple[Literal["left"], Literal["right"]] = ("left", "right")
 # without side, and without the number of a point along a finger
 _LIMB_PARTS = (
     (
@@ -125,8 +125,7 @@ def mirror_name(keypoint: str) -> str:
 
 
 def _both(pairs: Sequence[tuple[str, str]]) -> tuple[tuple[str, str], ...]:
-    sides = ("left_", "right_")
-    return tuple((side + a, side + b) for side in sides for a, b in pairs)
+    return tuple((f"{side}_{a}", f"{side}_{b}") for side in SIDES for a, b in pairs)
 
 
 # segment -> its upper and its lower end
@@ -207,6 +206,7 @@ HALPE_26 = Skeleton(
 
 _FINGERS = ("thumb", "index", "middle", "ring", "pinky")
 _FINGER_POINTS = tuple(f"{finger}{i}" for finger in _FINGERS for i in range(1, 5))
+_HANDS = tuple(f"{side}_{point}" for side in SIDES for point in ("hand_root", *_FINGER_POINTS))
 _FINGER_BONES = [(f"{finger}{i}", f"{finger}{i + 1}") for finger in _FINGERS for i in range(1, 4)]
 # the 68 points of the face, from the subject's right ear along the chin: contour, brows, nose, eyes, outer and inner lips
 _FACE = (
@@ -223,10 +223,7 @@ _FACE = (
 
 COCO_WHOLEBODY_133 = Skeleton(
     "coco_wholebody_133",
-    (
-        *ANATOMICAL23.keypoints, *_FACE,
-        *(f"{side}_{point}" for side in SIDES for point in ("hand_root", *_FINGER_POINTS)),
-    ),
+    (*ANATOMICAL23.keypoints, *_FACE, *_HANDS),
     ANATOMICAL23.bones
     + _both([("wrist", "hand_root"), *(("hand_root", f"{finger}1") for finger in _FINGERS), *_FINGER_BONES])
     + _both([("index1", "middle1"), ("middle1", "ring1"), ("ring1", "pinky1")]),
@@ -234,10 +231,7 @@ COCO_WHOLEBODY_133 = Skeleton(
 
 HALPE_136 = Skeleton(
     "halpe_136",
-    (
-        *HALPE_26.keypoints, *_FACE,
-        *(f"{side}_{point}" for side in SIDES for point in ("hand_root", *_FINGER_POINTS)),
-    ),
+    (*HALPE_26.keypoints, *_FACE, *_HANDS),
     HALPE_26.bones + tuple(bone for bone in COCO_WHOLEBODY_133.bones if bone not in ANATOMICAL23.bones),
 )  # fmt: skip
 

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import DTypeLike
 
-from .arrays import Array, check_fields, freeze_fields
+from .arrays import Array, check_fields, freeze_fields, taken
 from .depth import DepthImage
 from .encoded import EncodedFrame
 from .errors import ShapeError
@@ -181,8 +181,7 @@ class Detections2D:
 
     def people(self, rows: Array) -> Detections2D:
         """Some of the people: indices, or (P,) bool."""
-        depth_m = None if self.depth_m is None else self.depth_m[rows]
-        return replace(self, depth_m=depth_m, **{name: getattr(self, name)[rows] for name in DETECTION_ARRAYS})
+        return replace(self, **taken(self, (*DETECTION_ARRAYS, "depth_m"), rows))
 
     @staticmethod
     def of(camera: str, t_ns: int, skeleton: Skeleton, xy_img: Any, score: Any, sigma_px: Any) -> Detections2D:
@@ -254,5 +253,4 @@ class Views:
 
     def people(self, which: Array) -> Views:
         """These people only: `which` is (N,) bool, or their places on axis N in the order wanted."""
-        chosen: dict[str, Any] = {name: getattr(self, name)[which] for name in VIEW_ARRAYS}
-        return replace(self, depth_m=None if self.depth_m is None else self.depth_m[which], **chosen)
+        return replace(self, **taken(self, (*VIEW_ARRAYS, "depth_m"), which))

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
-from typing import Any, Protocol
+from typing import Protocol
 
 import numpy as np
 
-from .arrays import Array, give_away
+from .arrays import Array, give_away, taken
 from .observations import LIVE_STEP, NOT_KEPT, Observations
 from .skeleton import Skeleton, exchange_sides
 from .values import VIEW_ARRAYS, Views, check_views
@@ -17,6 +17,8 @@ from .values import VIEW_ARRAYS, Views, check_views
 _SAME_TIME_NS = 200_000
 # two frames further apart than this many periods are not interpolated between
 _REACH_PERIODS = 1.6
+# the arrays with an axis T in front
+_PLANES = ("xy_img", "score", "sigma_px", "depth_m")
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -48,22 +50,16 @@ class ViewSequence:
             skeleton=self.skeleton,
             camera_names=self.camera_names,
             person_id=self.person_id,
-            xy_img=self.xy_img[i],
-            score=self.score[i],
-            sigma_px=self.sigma_px[i],
-            depth_m=None if self.depth_m is None else self.depth_m[i],
+            **taken(self, _PLANES, i),
         )
 
     def part(self, steps: slice) -> ViewSequence:
         """These time steps only."""
-        arrays: dict[str, Any] = {name: getattr(self, name)[steps] for name in VIEW_ARRAYS if name != "person_id"}
-        return replace(self, t_ns=self.t_ns[steps], depth_m=None if self.depth_m is None else self.depth_m[steps], **arrays)
+        return replace(self, **taken(self, ("t_ns", *_PLANES), steps))
 
     def people(self, which: Array | slice) -> ViewSequence:
         """These people only: `which` is (N,) bool, or their places on axis N in the order wanted."""
-        arrays: dict[str, Any] = {name: getattr(self, name)[:, which] for name in VIEW_ARRAYS if name != "person_id"}
-        depth_m = None if self.depth_m is None else self.depth_m[:, which]
-        return replace(self, person_id=self.person_id[which], depth_m=depth_m, **arrays)
+        return replace(self, person_id=self.person_id[which], **taken(self, _PLANES, (slice(None), which)))
 
 
 def views_over_time(
@@ -85,6 +81,11 @@ def views_over_time(
 
 class PartsOfViews(Protocol):
     """Views whose time steps can be had in parts: a `ViewSequence`, or what makes each part when it is asked for."""
+
+    @property
+    def t_ns(self) -> Array:
+        """(T,) session clock."""
+        ...
 
     def part(self, steps: slice) -> ViewSequence:
         """These time steps only."""
@@ -150,8 +151,7 @@ class _CameraFrames:
 
     def at(self, places: Array) -> _CameraFrames:
         """A copy of the frames at these places."""
-        depth = None if self.depth is None else self.depth[places]
-        return _CameraFrames(self.t_ns[places], self.xy[places], self.score[places], self.sigma[places], depth)
+        return _CameraFrames(**taken(self, vars(self), places))
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

@@ -200,7 +200,7 @@ def compare(
     onto = factor * moved @ rotation.T + shift
     distance = np.linalg.norm(onto - a.xyz_m, axis=-1)
     alignment = Alignment(offset, rotation, shift, factor, float(np.sqrt(np.nanmean(distance[both] ** 2))))
-    walked_m, apart_m, slope = _drift(a.xyz_m, onto)
+    walked_m, apart_m, slope = drift(*_middles(a.xyz_m, onto))
     return Comparison(
         a=given[0],
         b=given[1],
@@ -220,10 +220,9 @@ def comparison_page(found: Comparison) -> Page:
     """Alignment, distances, drift and every point over time."""
     a, b = found.a, found.b
     t_s = found.t_s - found.t_s[0]
-    both = np.isfinite(found.a_m) & np.isfinite(found.b_m)
-    middle = [middle_of(np.where(both, one, np.nan)) for one in (found.a_m, found.b_m)]
+    middles = _middles(found.a_m, found.b_m)
     apart = Line("apart", found.walked_m, 1000 * found.apart_m)
-    paths = [Line(name, m[:, 0], m[:, 1]) for name, m in zip((a.name, b.name), middle, strict=True)]
+    paths = [Line(name, m[:, 0], m[:, 1]) for name, m in zip((a.name, b.name), middles, strict=True)]
     points = [
         Plot(
             f"{point.replace('_', ' ')}, {axis}",
@@ -343,7 +342,7 @@ def middle_of(xyz: Array) -> Array:
     return np.asarray(np.nansum(xyz, axis=1) / np.where(count > 0, count, np.nan))
 
 
-def _drift(a: Array, b: Array) -> tuple[Array, Array, float]:
-    both = np.asarray(np.isfinite(a).all(axis=-1) & np.isfinite(b).all(axis=-1))
-    middles = [middle_of(np.where(both[..., None], one, np.nan)) for one in (a, b)]
-    return drift(*middles)
+def _middles(a: Array, b: Array) -> tuple[Array, Array]:
+    """(T, 3) each: means of the points (T, K, 3) that are in both."""
+    both = np.isfinite(a) & np.isfinite(b)
+    return middle_of(np.where(both, a, np.nan)), middle_of(np.where(both, b, np.nan))

@@ -190,11 +190,8 @@ def made_up_rig() -> Rig:
     intrinsics = np.array([[600.0, 0, 319.5], [0, 600, 239.5], [0, 0, 1]])
     looks_along_y = np.array([[1.0, 0, 0], [0, 0, -1], [0, 1, 0]])
     poses = (SE3.from_matrix(looks_along_y, -looks_along_y @ np.array([x, -4.0, 1.0])) for x in (-1.0, 1.0))
-    cameras = tuple(
-        Camera(name=f"cam{i:02d}", size_wh=(640, 480), K=intrinsics, cam_from_world=pose, distortion=np.zeros(0))
-        for i, pose in enumerate(poses)
-    )
-    return Rig(cameras, world_set_by="made up")
+    cameras = [Camera(name=f"cam{i:02d}", size_wh=(640, 480), K=intrinsics, cam_from_world=pose) for i, pose in enumerate(poses)]
+    return Rig(tuple(cameras), world_set_by="made up")
 
 
 def made_up_start(part: int) -> LiveStart:
@@ -238,17 +235,9 @@ def _pose(t_ns: int, people: int) -> Pose3D:
 
 
 def _detections(camera: Camera, pose: Pose3D) -> Detections2D:
-    xy, n = camera.project(pose.xyz_world), len(pose.person_id)
+    xy = camera.project(pose.xyz_world)
     score = np.where(np.isfinite(xy).all(axis=-1), 1.0, 0.0)
-    return Detections2D(
-        camera=camera.name,
-        t_ns=pose.t_ns,
-        skeleton=BLAZEPOSE33,
-        xy_img=xy,
-        score=score,
-        sigma_px=np.where(score > 0, 2.0, np.nan),
-        box_img=np.zeros((n, 4)),
-    )
+    return Detections2D.of(camera.name, pose.t_ns, BLAZEPOSE33, xy, score, np.where(score > 0, 2.0, np.nan))
 
 
 def _health(rig: Rig, t_ns: int, faulty: bool) -> LiveHealth:

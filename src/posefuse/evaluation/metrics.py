@@ -8,11 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from posefuse.core import InputError, PoseSequence, Truth
-from posefuse.core.arrays import Array
+from posefuse.core.arrays import MEDIAN_CHI2, Array
 from posefuse.core.skeleton import PAPER14, pick_keypoints
 
-# median of a chi-square of 3 degrees of freedom
-_MEDIAN_CHI2 = 2.366
 # over less the noise of the ends is no drift
 _LEAST_WALKED_M = 0.5
 
@@ -95,7 +93,7 @@ def typical_nees(estimate: PoseSequence, truth: Truth, joints: Sequence[str]) ->
     cov = estimate.cov_world[inside, 0][:, columns]
     known = np.isfinite(error).all(axis=-1) & np.isfinite(cov).all(axis=(-1, -2))
     solved = np.linalg.solve(cov[known], error[known][..., None])[..., 0]
-    return float(np.median((error[known] * solved).sum(axis=-1)) * 3 / _MEDIAN_CHI2) if known.any() else float("nan")
+    return float(np.median((error[known] * solved).sum(axis=-1)) * 3 / MEDIAN_CHI2) if known.any() else float("nan")
 
 
 def true_xyz_at(truth: Truth, t_ns: Array) -> Array:

@@ -15,6 +15,7 @@ from posefuse import __version__
 from posefuse.core import InputError, JointAngles, Kind, Recording
 from posefuse.core.arrays import Array, known_median
 from posefuse.core.palette import LEGEND
+from posefuse.core.skeleton import SIDES
 from posefuse.formats.page import (
     MISSING,
     Band,
@@ -161,16 +162,6 @@ def write_report(
     Raises:
         InputError: joints of other time steps or people, or a place that cannot be written to.
     """
-    return write_page(out, report_page(recording, joints, title, angles))
-
-
-def report_page(
-    recording: Recording,
-    joints: JointAngles,
-    title: str = TITLE,
-    angles: str = "",
-) -> Page:
-    """The blocks of the report; see `write_report`."""
     poses = recording.poses
     if not (np.array_equal(joints.t_ns, poses.t_ns) and np.array_equal(joints.person_id, poses.person_id)):
         raise InputError(
@@ -192,7 +183,7 @@ def report_page(
     if recording.provenance:
         settings = {key: _text(value) for key, value in recording.provenance.items()}
         blocks += [Heading("How it was made"), Details("Settings and versions", [Facts(settings)])]
-    return Page(title, blocks)
+    return write_page(out, Page(title, blocks))
 
 
 def _origin(recording: Recording) -> dict[str, str]:
@@ -331,7 +322,6 @@ STANCE = Normal("60 %", "Physiopedia (secondary)")
 _SHARE_DRAWN = 0.02
 # single strides drawn per side; all of them are in gait_cycles.csv
 _MOST_CYCLES = 10
-_SIDES: tuple[Literal["left", "right"], ...] = ("left", "right")
 _FIRST = ("pelvis", "hip", "knee", "ankle")
 
 
@@ -359,7 +349,7 @@ def time_plots(joints: JointAngles, person: int, gait: Gait | None, band_sigmas:
             if np.isfinite(values).mean() > _SHARE_DRAWN:
                 side, band = side_of(joints.joints[q]), band_sigmas * np.degrees(joints.sigma_rad[:, person, q, a])
                 series.append(Band(f"{side} ± {band_sigmas:g} sd", t_s, values - band, values + band, colour=side))
-                series.append(Line(side if side in _SIDES else "trunk", t_s, values, colour=side))
+                series.append(Line(side if side in SIDES else "trunk", t_s, values, colour=side))
         if series:
             plots.append(Plot(title, [*series, *strikes], x_label="s", y_label="degrees", legend=False))
     return plots
@@ -397,17 +387,19 @@ def range_table(joints: JointAngles, person: int) -> Table:
 
 def _cycle_series(one: CycleAngles) -> list[Series]:
     side = side_of(one.joint)
-    mean, sd = np.degrees(one.mean_rad), np.degrees(one.sd_rad)
-    single = [
-        Line(f"{side} stride {i}", PERCENT, np.degrees(values), colour=side, faint=True)
-        for i, values in enumerate(one.angle_rad[:_MOST_CYCLES], start=1)
-    ]
-    name = f"{side if side in _SIDES else 'trunk'}, mean of {len(one.angle_rad)}"
+    strides = {f"stride {i}": np.degrees(values) for i, values in enumerate(one.angle_rad[:_MOST_CYCLES], start=1)}
+    name = f"{side if side in SIDES else 'trunk'}, mean of {len(one.angle_rad)}"
+    return cycle_series(side, strides, np.degrees(one.mean_rad), np.degrees(one.sd_rad), name)
+
+
+def cycle_series(side: Side, curves: Mapping[str, Array], mean: Array, sd: Array, name: str) -> list[Series]:
+    """Curves (101,) of a gait cycle by their names, thin; and their mean of this name with a band of one standard deviation."""
+    single = [Line(f"{side} {each}", PERCENT, curve, colour=side, faint=True) for each, curve in curves.items()]
     return [*single, Band(f"{side} ± sd", PERCENT, mean - sd, mean + sd, colour=side), Line(name, PERCENT, mean, colour=side)]
 
 
 def _foot_off(gait: Gait) -> list[Series]:
-    shares = {side: gait.stance_share[side].mean for side in _SIDES}
+    shares = {side: gait.stance_share[side].mean for side in SIDES}
     return [
         Ticks(f"{side} foot off", np.array([100 * share]), colour=side) for side, share in shares.items() if np.isfinite(share)
     ]
@@ -452,10 +444,10 @@ def parameter_blocks(gait: Gait | None, cycles: list[CycleAngles]) -> list[Block
         _row("Cadence", f"{gait.cadence_per_min:.0f}{_KEPT}steps/min", CADENCE),
         _row("Stride length", spread_text(gait.stride_length_m, "m"), STRIDE_LENGTH),
         _row("Stride time", spread_text(gait.stride_time_s, "s")),
-        *(_row("Step length", spread_text(gait.step_length_m[side], "m"), side=side) for side in _SIDES),
+        *(_row("Step length", spread_text(gait.step_length_m[side], "m"), side=side) for side in SIDES),
         _row("Step width", spread_text(gait.step_width_m, "m")),
         _row(_ASYMMETRY.format("step length"), _asymmetry(gait.step_length_m)),
-        *(_row("Stance phase", spread_text(gait.stance_share[side], "%", 100.0, 0), STANCE, side) for side in _SIDES),
+        *(_row("Stance phase", spread_text(gait.stance_share[side], "%", 100.0, 0), STANCE, side) for side in SIDES),
         _row(_ASYMMETRY.format("stance phase"), _asymmetry(gait.stance_share)),
         _row("Double support", spread_text(gait.double_support_share, "%", 100.0, 0)),
         *_ranges(cycles),
@@ -479,7 +471,7 @@ def spread_text(spread: Spread, unit: str, scale: float = 1.0, digits: int = 2) 
 
 def _asymmetry(sides: Mapping[str, Spread]) -> str:
     """Left minus right, in per cent of their mean; a dash where one is not known."""
-    left, right = (sides[side].mean for side in _SIDES)
+    left, right = (sides[side].mean for side in SIDES)
     share = 100 * (left - right) / ((left + right) / 2)
     return f"{share:+z.0f}{_KEPT}%" if np.isfinite(share) else MISSING
 

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Protocol
 
 import cv2
 import numpy as np
@@ -43,19 +42,6 @@ _STILL = 0.3
 _TRIES = 200
 
 
-class UsedSteps(Protocol):
-    """Time steps that are used of a recording."""
-
-    @property
-    def count(self) -> int:
-        """How many."""
-        ...
-
-    def t_ns(self, i: int) -> int:
-        """Time of step i."""
-        ...
-
-
 @dataclass(frozen=True, kw_only=True)
 class BackgroundFound:
     """What the backgrounds show.
@@ -87,18 +73,18 @@ class BackgroundFound:
 
 
 def background_of(
-    sources: Sequence[RecordedSource], cameras: Sequence[Camera], within: UsedSteps | None = None
+    sources: Sequence[RecordedSource], cameras: Sequence[Camera], used_ns: tuple[int, int] | None = None
 ) -> BackgroundFound:
     """Compare the backgrounds of a recording; two frames of a camera that stands still are decoded, of others up to nine.
 
     Args:
-        sources: of these cameras. cameras: their intrinsics. within: the time steps that are used; None: all.
+        sources: of these cameras. cameras: their intrinsics. used_ns: first and last time that is used; None: all.
     """
     named = {camera.name: camera for camera in cameras}
     moved, still, unknown = list[RigFinding](), list[str](), list[str]()
     for source in sources:
         camera = named[source.camera]
-        found = _watched(source, camera, within)
+        found = _watched(source, camera, used_ns)
         if isinstance(found, RigFinding):
             moved.append(found)
         else:
@@ -106,11 +92,11 @@ def background_of(
     return BackgroundFound(moved=tuple(moved), still=tuple(still), unknown=tuple(unknown))
 
 
-def _watched(source: RecordedSource, camera: Camera, within: UsedSteps | None) -> RigFinding | bool:
+def _watched(source: RecordedSource, camera: Camera, used_ns: tuple[int, int] | None) -> RigFinding | bool:
     """How a camera was moved, or whether it is known to have stood still."""
     times_ns = np.asarray(source.times_ns())
-    if within is not None:
-        times_ns = times_ns[(times_ns >= within.t_ns(0)) & (times_ns <= within.t_ns(within.count - 1))]
+    if used_ns is not None:
+        times_ns = times_ns[(times_ns >= used_ns[0]) & (times_ns <= used_ns[1])]
     if len(times_ns) < len(_LOOKS):
         return False
     looks_ns = times_ns[np.round(np.array(_LOOKS) * (len(times_ns) - 1)).astype(int)].tolist()

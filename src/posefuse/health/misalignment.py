@@ -89,15 +89,7 @@ class Sums:
 
     def decayed(self, keep: float, new: Sums) -> Sums:
         """These counting `keep` times, and new ones."""
-        return Sums(
-            information=keep * self.information + new.information,
-            pull=keep * self.pull + new.pull,
-            squares=keep * self.squares + new.squares,
-            count=keep * self.count + new.count,
-            own=keep * self.own + new.own,
-            points=keep * self.points + new.points,
-            places=keep * self.places + new.places,
-        )
+        return Sums(**{name: keep * one + getattr(new, name) for name, one in vars(self).items()})
 
     def without(self, unknowns: slice) -> Sums:
         """What these unknowns of all cameras together leave over, for the other unknowns."""

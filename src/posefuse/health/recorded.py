@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
@@ -10,7 +9,7 @@ import numpy as np
 
 from posefuse.calibration.keypoints import MIN_SCORE, limb_keypoints
 from posefuse.core import Observations, PoseSequence, Recording, Rig, ViewSequence, views_over_time
-from posefuse.core.arrays import Array
+from posefuse.core.arrays import Array, known_median
 from posefuse.core.observations import NOT_KEPT
 from posefuse.tracking.sides import sides_like
 
@@ -92,8 +91,8 @@ def _fits(log: Observations, poses: PoseSequence, rig: Rig, views: ViewSequence)
         fits[camera.name] = CameraFit(
             seen=float(seen[c].mean()),
             left_out=float((seen & ~kept)[c].sum() / max(seen[c].sum(), 1)),
-            reproj_px=_median(off_px),
-            sigmas=_median(off_px / views.sigma_px[:, 0, c][:, limbs]),
+            reproj_px=known_median(off_px),
+            sigmas=known_median(off_px / views.sigma_px[:, 0, c][:, limbs]),
         )
     return fits
 
@@ -118,7 +117,7 @@ def _views_of_person(log: Observations, poses: PoseSequence, rig: Rig) -> ViewSe
 def _unlike_px(log: Observations, poses: PoseSequence, rig: Rig) -> Array:
     """(R,) how far the limbs of each detection are from the person's when the middles lie on each other; inf where unknown."""
     frame, limbs = log.detection_frame, limb_keypoints(log.skeleton.keypoints)
-    expected = np.stack([camera.project(poses.xyz_world[:, 0, limbs]) for camera in rig])
+    expected = rig.project(poses.xyz_world[:, 0, limbs])
     off = log.xy_img[:, limbs] - expected[log.frame_camera[frame], log.frame_step[frame]]
     off[log.score[:, limbs] < MIN_SCORE] = np.nan
     known = np.isfinite(off[..., 0]).sum(axis=1) >= _LEAST_KEYPOINTS
@@ -126,9 +125,3 @@ def _unlike_px(log: Observations, poses: PoseSequence, rig: Rig) -> Array:
     off = off[known] - np.nanmedian(off[known], axis=1, keepdims=True)
     unlike_px[known] = np.nanmedian(np.linalg.norm(off, axis=-1), axis=1)
     return unlike_px
-
-
-def _median(values: Array) -> float:
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", RuntimeWarning)
-        return float(np.nanmedian(values))

@@ -18,10 +18,11 @@ from .sides import landmarks
 
 FILE_FROM_WORLD = np.array([[0.0, 1, 0], [0, 0, 1], [1, 0, 0]])
 FILE_FROM_SEGMENT = np.array([[0.0, 0, -1], [0, 1, 0], [1, 0, 0]])
+# segment -> the one that carries it
 _LIMB_PARENT = {
     "upper_arm": "thorax", "forearm": "upper_arm", "hand": "forearm", "thigh": "pelvis", "shank": "thigh", "foot": "shank",
 }  # fmt: skip
-_PARENT = {"thorax": "pelvis", "head": "thorax"} | {
+PARENT = {"thorax": "pelvis", "head": "thorax"} | {
     f"{side}_{child}": parent if parent in ("thorax", "pelvis") else f"{side}_{parent}"
     for side in SIDES
     for child, parent in _LIMB_PARENT.items()
@@ -55,9 +56,9 @@ def animation_from_joints(sequence: PoseSequence, joints: JointAngles, person: i
     frame_s = _frame_s(sequence.t_ns)
     world = joints.world_from_segment
     index = {name: s for s, name in enumerate(joints.segments)}
-    names = ["pelvis"] + [name for name in _PARENT if np.isfinite(world.xyz[:, person, index[name], 0]).any()]
+    names = ["pelvis"] + [name for name in PARENT if np.isfinite(world.xyz[:, person, index[name], 0]).any()]
     names = [name for name in names if _rooted(name, names)]
-    ends = [n for n in names if n in _ENDS and n not in {_PARENT.get(m) for m in names}]
+    ends = [n for n in names if n in _ENDS and n not in {PARENT.get(m) for m in names}]
     t_s, seen_s = _seconds(joints.t_ns), _seen_s(joints, person)
 
     def filled(name: str) -> tuple[Array, Array]:
@@ -66,16 +67,16 @@ def animation_from_joints(sequence: PoseSequence, joints: JointAngles, person: i
         # the line from mid-hip to neck is rigid, so it turns about the hips
         return (turn, filled("pelvis")[1]) if name == "thorax" else (turn, place)
 
-    points, pelvis = landmarks(sequence), filled("pelvis")
-    tips = {name: np.mean([points[p][:, person] for p in _ENDS[name]], axis=0) for name in ends}
+    points, pelvis = landmarks(sequence.xyz_world[:, person], sequence.skeleton), filled("pelvis")
+    tips = {name: np.mean([points[p] for p in _ENDS[name]], axis=0) for name in ends}
     del points  # an hour of them takes as much memory as half of the rotations
     labels, parent, offset = ["pelvis"], [-1], [np.zeros(3)]
     rotation = [FILE_FROM_WORLD @ pelvis[0] @ FILE_FROM_SEGMENT.T]
     for name in names[1:]:
-        over, own = filled(_PARENT[name]), filled(name)
+        over, own = filled(PARENT[name]), filled(name)
         rotation.append(FILE_FROM_SEGMENT @ np.swapaxes(over[0], -1, -2) @ own[0] @ FILE_FROM_SEGMENT.T)
         labels.append(name)
-        parent.append(labels.index(_PARENT[name]))
+        parent.append(labels.index(PARENT[name]))
         offset.append(_median_in(over, own[1]))
     for name in ends:
         rotation.append(np.broadcast_to(np.eye(3), rotation[0].shape))
@@ -94,7 +95,7 @@ def animation_from_joints(sequence: PoseSequence, joints: JointAngles, person: i
 
 
 def _rooted(name: str, names: list[str]) -> bool:
-    return name == "pelvis" or (_PARENT[name] in names and _rooted(_PARENT[name], names))
+    return name == "pelvis" or (PARENT[name] in names and _rooted(PARENT[name], names))
 
 
 def _frame_s(t_ns: Array) -> float:

@@ -40,6 +40,7 @@ _MIDPOINTS = {
     "mid_hip": ("left_hip", "right_hip"),
     "neck": ("left_shoulder", "right_shoulder"),
     "mid_ear": ("left_ear", "right_ear"),
+    **{f"{side}_knuckles": (f"{side}_index", f"{side}_pinky") for side in SIDES},
 }
 
 
@@ -140,8 +141,6 @@ def _side_segments(side: str, other_first: bool, arm: int, leg: int) -> tuple[Se
         Segment(f"{side}_foot", a, (heel, toe, X), (heel, a, Y)),
     )
 
-
-_MIDPOINTS |= {f"{side}_knuckles": (f"{side}_index", f"{side}_pinky") for side in SIDES}
 
 SEGMENTS = (
     Segment("pelvis", "mid_hip", ("left_hip", "right_hip", Z), ("mid_hip", "neck", Y)),

@@ -78,14 +78,14 @@ def gait_from_poses(sequence: PoseSequence, person: int = 0) -> Gait | None:
     t_s = (sequence.t_ns - sequence.t_ns[:1]) * 1e-9
     if len(t_s) < 8 or t_s[-1] < 1.0:
         return None
-    points = {name: _bridged(xyz[:, person]) for name, xyz in landmarks(sequence).items()}
+    points = {name: _bridged(xyz) for name, xyz in landmarks(sequence.xyz_world[:, person], sequence.skeleton).items()}
     hips = (points["left_hip"] + points["right_hip"]) / 2
     rate_hz = (len(t_s) - 1) / t_s[-1]
     velocity, ahead = _walking(hips, t_s, rate_hz)
     moving = np.linalg.norm(velocity[:, :2], axis=-1) > _SLOWEST_M_S
     if not moving.any():
         return None
-    strikes, offs, heels = {}, {}, {}
+    strikes, offs, heels = (dict[str, Array]() for _ in range(3))
     for side in SIDES:
         heels[side], toe = _foot(points, side)
         tops = _peaks(((heels[side] - hips) * ahead).sum(-1), moving, rate_hz)

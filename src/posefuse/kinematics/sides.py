@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from posefuse.core import InputError, PoseSequence
+from posefuse.core import InputError, PoseSequence, Skeleton
 from posefuse.core.arrays import Array
 from posefuse.core.skeleton import SIDES
 
@@ -20,7 +20,7 @@ def forward_votes(sequence: PoseSequence) -> Array:
 
     Clues: each foot's toe and the nose lie in front; knees bend backward and elbows forward.
     """
-    points = landmarks(sequence)
+    points = landmarks(sequence.xyz_world, sequence.skeleton)
     return _signs([*_clues(points, ("leg",)), *_bends(points, ("arm",))], _front(points, "hip"))
 
 
@@ -30,7 +30,7 @@ def facing_votes(sequence: PoseSequence) -> Array:
     Clues: feet and nose point forward, knees bend backward; forward is where shoulders (for arms) or hips (for legs) face.
     How elbows bend is not asked: a raised arm may bend either way.
     """
-    points = landmarks(sequence)
+    points = landmarks(sequence.xyz_world, sequence.skeleton)
     clues = _clues(points, ("leg",))
     return np.stack([_signs(clues, _front(points, line)).sum(axis=-1) for line in ("shoulder", "hip")])
 
@@ -78,11 +78,11 @@ def check_sides(sequence: PoseSequence) -> None:
             )
 
 
-def landmarks(sequence: PoseSequence) -> dict[str, Array]:
-    """Each of `POINTS` over time (T, N, 3); NaN where the skeleton or the recording lacks it."""
-    xyz, pairs = sequence.xyz_world, landmark_pairs(sequence.skeleton)
-    missing = np.full_like(xyz[:, :, 0], np.nan)
+def landmarks(xyz: Array, skeleton: Skeleton) -> dict[str, Array]:
+    """Each of `POINTS` (..., 3) of keypoints (..., K, 3); NaN where the skeleton or the recording lacks it."""
+    pairs = landmark_pairs(skeleton)
+    missing = np.full_like(xyz[..., 0, :], np.nan)
     return {
-        name: (xyz[:, :, a] + xyz[:, :, b]) / 2 if min(a, b) >= 0 else missing
+        name: (xyz[..., a, :] + xyz[..., b, :]) / 2 if min(a, b) >= 0 else missing
         for name, (a, b) in zip(POINTS, pairs.tolist(), strict=True)
     }

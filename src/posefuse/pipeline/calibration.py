@@ -23,7 +23,7 @@ from posefuse.health.background import background_of
 from posefuse.sources import VIDEO_SUFFIXES, VideoConfig
 
 from .config import TrackConfig
-from .opening import build_source, pose2d_rate_hz, read_session_poses, stated_camera
+from .opening import build_source, pose2d_rate_hz, read_session_poses, stated_rig
 from .person_poses import PersonSeen, person_in_videos, poses_apart, timeline_of
 from .session import LEAST_CAMERAS, Session, find_session, fitted_camera
 
@@ -42,7 +42,7 @@ def background_of_person(paths: Mapping[str, Path], cameras: tuple[Camera, ...])
     if any(path.suffix.lower() not in VIDEO_SUFFIXES for path in paths.values()):
         return CalibrationReport("background", ())
     sources = [VideoConfig(path, name).build() for name, path in paths.items()]
-    return background_of(sources, cameras, timeline_of(sources)).report
+    return background_of(sources, cameras, timeline_of(sources).span_ns).report
 
 
 def find_person(
@@ -166,7 +166,7 @@ def _from_images(session: Session, config: TrackConfig, seconds: float, progress
     fetch_networks(config.detector, progress)
     detector = build_detector(config.detector, rig)
     tracks = person_tracks(poses_apart(sources, detector, timeline, progress))
-    background = background_of(sources, rig.cameras, timeline).report
+    background = background_of(sources, rig.cameras, timeline.span_ns).report
     return SessionSeen(rig=rig, tracks=tracks, frame_period_s=period_s, background=background)
 
 
@@ -178,11 +178,9 @@ def _from_files(session: Session, config: TrackConfig, seconds: float) -> Sessio
         frames = list(one.frames(rate_hz))
         spare = max(0, len(frames) - round(seconds * rate_hz)) // 2
         found[entry.camera] = frames[spare : len(frames) - spare]
-    cameras = tuple(stated_camera(session.rig[entry.camera], entry) for entry in session.inputs)
-    rig = replace(session.rig, cameras=cameras)
     return SessionSeen(
-        rig=rig,
+        rig=stated_rig(session),
         tracks=person_tracks(found),
-        frame_period_s=(1 / rate_hz,) * len(cameras),
+        frame_period_s=(1 / rate_hz,) * len(found),
         background=CalibrationReport("background", ()),
     )

@@ -10,7 +10,6 @@ from pathlib import Path
 import numpy as np
 
 from posefuse.core import (
-    Camera,
     DetectionBatch,
     Detections2D,
     InputError,
@@ -198,12 +197,11 @@ def _poses(session: Session, config: TrackConfig) -> Opened:
     folders = read_session_poses(session, config.keypoints)
     _check_one_skeleton(folders)
     first, timeline = _numbered(session, folders, config)
-    cameras = tuple(stated_camera(session.rig[entry.camera], entry) for entry in session.inputs)
     skeleton = folders[0].skeleton
     return Opened(
         session=session,
         config=config,
-        rig=dataclasses.replace(session.rig, cameras=cameras),
+        rig=stated_rig(session),
         timeline=timeline,
         skeleton=skeleton,
         joint_centres=_joint_centres_of_set(skeleton),
@@ -281,7 +279,8 @@ def _check_one_skeleton(folders: list[Pose2DFrames]) -> None:
         raise InputError(f"2D pose folders: expected one skeleton for all cameras, got {choices(named)}")
 
 
-def stated_camera(camera: Camera, entry: Input) -> Camera:
-    """A stated crop moves the image; the size of the images is not in these files."""
-    crop = entry.settings.crop
-    return camera.cropped(*crop, camera.size_wh) if crop else camera
+def stated_rig(session: Session) -> Rig:
+    """The cameras of 2D poses in the order of the inputs: a stated crop moves the image, whose size is not in these files."""
+    cameras = [(session.rig[entry.camera], entry.settings.crop) for entry in session.inputs]
+    fitted = tuple(camera.cropped(*crop, camera.size_wh) if crop else camera for camera, crop in cameras)
+    return dataclasses.replace(session.rig, cameras=fitted)

@@ -35,6 +35,7 @@ from posefuse.core import (
 from posefuse.core.arrays import Array
 from posefuse.core.duplicate_share import DUPLICATE_SHARE
 from posefuse.core.duplicates import duplicates
+from posefuse.core.values import keypoint_boxes
 from posefuse.detection import region_from_keypoints
 from posefuse.detection.build import DetectorChoice, build_detector, fetch_networks
 from posefuse.fusion import FuseSettings
@@ -132,8 +133,8 @@ def poses_apart(
 ) -> dict[str, list[Detections2D]]:
     """The people of each camera at the time steps of the timeline, followed from frame to frame."""
     followed = {source.camera: _Followed() for source in sources}
-    end_ns = timeline.t_ns(timeline.count - 1)
-    with closing(decoded(sources, timeline.start_ns, timeline.period_ns, end_ns)) as sets:
+    start_ns, end_ns = timeline.span_ns
+    with closing(decoded(sources, start_ns, timeline.period_ns, end_ns)) as sets:
         for done, one in enumerate(sets, start=1):
             frames = [frame for frame in one.frames if frame is not None and followed[frame.camera].wants()]
             regions = [followed[frame.camera].regions() for frame in frames]
@@ -169,16 +170,12 @@ class _Followed:
         self._rest = _SEARCH_EVERY
         there = np.isfinite(found.xy_img).all(axis=-1).any(axis=-1)
         people = found.people(there & ~duplicates(found, DUPLICATE_SHARE))
-        people = people.people(np.argsort(-_heights_px(people.xy_img), kind="stable")[:_MOST_PEOPLE])
+        box = keypoint_boxes(people.xy_img, people.score)
+        people = people.people(np.argsort(-(box[:, 2:] - box[:, :2]).max(axis=1), kind="stable")[:_MOST_PEOPLE])
         regions = [region_from_keypoints(xy, found.skeleton) for xy in people.xy_img]
         self._regions = [region for region in regions if region is not None]
         if len(people):
             self.poses.append(people)
-
-
-def _heights_px(xy_img: Array) -> Array:
-    """(P,) longer side of what is seen of each person."""
-    return np.array([float((np.nanmax(xy, axis=0) - np.nanmin(xy, axis=0)).max()) for xy in xy_img])
 
 
 def poses_together(

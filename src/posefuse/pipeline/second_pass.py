@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Any, Protocol
 
 import numpy as np
 
 from posefuse.core import InputError, JointCentres, Kind, Observations, PoseSequence, Recording, Rig, ViewSequence
 from posefuse.core.arrays import Array, give_away, take_back
 from posefuse.core.joint_centres import SEGMENT_ENDS
+from posefuse.core.poses import WrittenPoses
 from posefuse.core.view_sequences import PartsOfViews, ViewsInParts, people_in
 from posefuse.fusion import FuseSettings, fuse
 from posefuse.kinematics import facing_votes
@@ -29,19 +29,9 @@ from posefuse.tracking.sides import parts_of_steps, sides_that_differ, with_side
 _LEAST_STEPS = 5
 # rounds of naming sides at most: most recordings settle after two or three, and one that alternates must come to an end
 _NAMING_ROUNDS = 10
-_PLANES = ("xyz_world", "cov_world", "reproj_px", "n_views", "kind")
 # a longer recording is solved in blocks of so many time steps (11 min at 30 Hz), with so many more before and after each: what
 # is neither observation nor result does not grow with the length
 _BLOCK_STEPS, _OVERLAP_STEPS = 20_000, 300
-
-
-class _Views(PartsOfViews, Protocol):
-    """Views in parts whose times are known."""
-
-    @property
-    def t_ns(self) -> Array:
-        """(T,) session clock."""
-        ...
 
 
 def long_enough(observations: Observations) -> list[int]:
@@ -59,7 +49,7 @@ def long_enough(observations: Observations) -> list[int]:
 
 
 def poses_over_time(
-    views: _Views,
+    views: PartsOfViews,
     rig: Rig,
     fusing: FuseSettings,
     smoothing: SmoothSettings | None,
@@ -75,22 +65,21 @@ def poses_over_time(
     count = len(views.t_ns)
     if count <= _BLOCK_STEPS:
         return _block_over_time(views, rig, fusing, smoothing, centres)
-    planes: dict[str, Any] = {}
+    written = None
     for begin in range(0, count, _BLOCK_STEPS):
-        first = max(begin - _OVERLAP_STEPS, 0)
-        around = _Section(views, slice(first, min(begin + _BLOCK_STEPS + _OVERLAP_STEPS, count)))
+        first, end = max(begin - _OVERLAP_STEPS, 0), min(begin + _BLOCK_STEPS, count)
+        around = _Section(views, slice(first, min(end + _OVERLAP_STEPS, count)))
         poses = _block_over_time(around, rig, fusing, smoothing, centres)
-        for name in _PLANES:
-            value = getattr(poses, name)[begin - first :][:_BLOCK_STEPS]
-            planes.setdefault(name, np.empty((count, *value.shape[1:]), value.dtype))[begin:][: len(value)] = value
-    give_away(*planes.values())
-    return PoseSequence(t_ns=views.t_ns, skeleton=poses.skeleton, person_id=poses.person_id, **planes)
+        written = written or WrittenPoses(views.t_ns, poses.skeleton, poses.person_id)
+        written.write(slice(begin, end), poses.part(slice(begin - first, end - first)))
+    assert written is not None
+    return written.sequence()
 
 
 class _Section:
     """The views of some of the time steps, made when a part of them is asked for."""
 
-    def __init__(self, views: _Views, steps: slice) -> None:
+    def __init__(self, views: PartsOfViews, steps: slice) -> None:
         self._views, self._first, self.t_ns = views, steps.start, views.t_ns[steps]
 
     def part(self, steps: slice) -> ViewSequence:
@@ -99,7 +88,7 @@ class _Section:
 
 
 def _block_over_time(
-    views: _Views, rig: Rig, fusing: FuseSettings, smoothing: SmoothSettings | None, centres: JointCentres | None
+    views: PartsOfViews, rig: Rig, fusing: FuseSettings, smoothing: SmoothSettings | None, centres: JointCentres | None
 ) -> PoseSequence:
     if fusing.weights == "robust":
         fused = _fused_with_sides_corrected(views, rig, fusing, smoothing or SmoothSettings())
@@ -109,22 +98,19 @@ def _block_over_time(
     return smooth(fused, smoothing) if smoothing else fused
 
 
-def _fused_over_time(views: _Views, rig: Rig, fusing: FuseSettings) -> PoseSequence:
-    planes: dict[str, Any] = {}
-    last = None
+def _fused_over_time(views: PartsOfViews, rig: Rig, fusing: FuseSettings) -> PoseSequence:
+    written, last = None, None
     for part in parts_of_steps(len(views.t_ns)):
         seen = views.part(part)
+        written = written or WrittenPoses(views.t_ns, seen.skeleton, seen.person_id)
         for i in range(len(seen.t_ns)):
             last = fuse(seen.at(i), rig, fusing, last)
-            for name in _PLANES:
-                value = getattr(last, name)
-                planes.setdefault(name, np.empty((len(views.t_ns), *value.shape), value.dtype))[part.start + i] = value
-    assert last is not None  # `long_enough` has found people
-    give_away(*planes.values())
-    return PoseSequence(t_ns=views.t_ns, skeleton=last.skeleton, person_id=last.person_id, **planes)
+            written.write(part.start + i, last)
+    assert written is not None
+    return written.sequence()
 
 
-def _fused_with_sides_corrected(views: _Views, rig: Rig, fusing: FuseSettings, smoothing: SmoothSettings) -> PoseSequence:
+def _fused_with_sides_corrected(views: PartsOfViews, rig: Rig, fusing: FuseSettings, smoothing: SmoothSettings) -> PoseSequence:
     """Time steps fused, then again from views whose limbs are named left and right as the recording steadied over time has them.
 
     Where the first reference was still wrong, a better one names more views right: repeated until no view changes.
@@ -132,10 +118,10 @@ def _fused_with_sides_corrected(views: _Views, rig: Rig, fusing: FuseSettings, s
     fused = _fused_over_time(views, rig, fusing)
     exchanged = [np.zeros(1, bool)] * len(parts_of_steps(len(fused)))
     for _ in range(_NAMING_ROUNDS):
-        planes = _fused_again(fused, _steadied_points(fused, smoothing), exchanged, views, rig, fusing)
-        if not planes:
+        again = _fused_again(fused, _steadied_points(fused, smoothing), exchanged, views, rig, fusing)
+        if again is None:
             break
-        fused = replace(fused, **planes)
+        fused = again
     return fused
 
 
@@ -143,12 +129,12 @@ def _fused_again(
     fused: PoseSequence,
     reference: Array,
     exchanged: list[Array],
-    views: _Views,
+    views: PartsOfViews,
     rig: Rig,
     fusing: FuseSettings,
-) -> dict[str, Any]:
-    """The planes with those time steps fused again whose views have other limbs `exchanged` than before; empty where none has."""
-    planes: dict[str, Any] = {}
+) -> PoseSequence | None:
+    """The poses with those time steps fused again whose views have other limbs `exchanged` than before; None where none has."""
+    written = None
     for place, part in enumerate(parts_of_steps(len(fused))):
         seen = views.part(part)
         wrong = sides_that_differ(reference[part], rig, seen)
@@ -156,14 +142,13 @@ def _fused_again(
         exchanged[place] = wrong
         if not len(differing):
             continue
-        planes = planes or {name: np.array(getattr(fused, name)) for name in _PLANES}
+        if written is None:
+            written = WrittenPoses(fused.t_ns, fused.skeleton, fused.person_id)
+            written.write(slice(None), fused)
         named = with_sides_exchanged(seen, wrong)
         for i in differing.tolist():
-            pose = fuse(named.at(i), rig, fusing)
-            for name, plane in planes.items():
-                plane[part.start + i] = getattr(pose, name)
-    give_away(*planes.values())
-    return planes
+            written.write(part.start + i, fuse(named.at(i), rig, fusing))
+    return written.sequence() if written else None
 
 
 def _steadied_points(fused: PoseSequence, smoothing: SmoothSettings) -> Array:

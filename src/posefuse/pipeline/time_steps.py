@@ -34,6 +34,11 @@ class Timeline:
         """Time of step i."""
         return self.start_ns + i * self.period_ns
 
+    @property
+    def span_ns(self) -> tuple[int, int]:
+        """Time of the first step and of the last one."""
+        return self.start_ns, self.t_ns(self.count - 1)
+
 
 def common_timeline(
     times_ns: Mapping[str, Array],
@@ -131,7 +136,7 @@ class StoredStep:
 
     def look(self, kind: LookKind, expected: Pose3D | None) -> tuple[Detections2D, ...]:
         """The stored answer to this look; where the detector did not look so, all different detections of each frame."""
-        return tuple(self._answer(frame, rows) for frame, rows in self.rows(kind))
+        return tuple(self.observations.detections(frame, rows) for frame, rows in self.rows(kind))
 
     def rows(self, kind: LookKind) -> list[tuple[int, Array]]:
         """Where the answers of `look` lie in the log: (row of the frame table, rows of the detection table) of each."""
@@ -143,11 +148,6 @@ class StoredStep:
         by_camera = [self.frames[cameras == camera] for camera in np.unique(cameras)]
         return [(int(frames[0]), self._union(frames)) for frames in by_camera]
 
-    def _answer(self, frame: int, rows: Array) -> Detections2D:
-        log = self.observations
-        camera, t_ns = log.camera_names[log.frame_camera[frame]], int(log.frame_t_ns[frame])
-        return Detections2D(camera=camera, t_ns=t_ns, skeleton=log.skeleton, **log.rows(rows))
-
     def _union(self, frames: Array) -> Array:
         """Detections of several looks at one frame, each body once, as the last look that found it has it.
 
@@ -158,7 +158,7 @@ class StoredStep:
             rows = np.arange(log.frame_begin[frame], log.frame_begin[frame + 1])
             found = np.concatenate([kept, rows[(log.score[rows] > 0).any(axis=1)]])
             # what is kept counts first, however sure it is
-            together = replace(self._answer(int(frame), found), score=_in_order(log.score[found], len(kept)))
+            together = replace(log.detections(int(frame), found), score=_in_order(log.score[found], len(kept)))
             kept = np.concatenate([kept, found[len(kept) :][~duplicates(together, DUPLICATE_SHARE)[len(kept) :]]])
         return kept
 
@@ -240,7 +240,7 @@ class ImageTimeSteps:
         line, first, detector = self._timeline, 0 if stored is None else len(stored.step_t_ns), self._detector
         assert detector is not None  # time steps are read before closing
         self._counted = [self._from(source, first, stored) for source in self._sources]
-        self._sets = decoded(self._counted, line.t_ns(first), line.period_ns, line.t_ns(line.count - 1), self._on_lost)
+        self._sets = decoded(self._counted, line.t_ns(first), line.period_ns, line.span_ns[1], self._on_lost)
         for frame_set in self._sets:
             yield ImageStep(frame_set.t_ns, frame_set.frames, self._rig, detector)
 
@@ -254,9 +254,7 @@ class ImageTimeSteps:
 
     def incomplete(self) -> list[str]:
         """One line for each camera of which part cannot be read, or that ends before the others."""
-        line = self._timeline
-        end_ns = line.start_ns + (line.count - 1) * line.period_ns
-        return incomplete_cameras([source.coverage(line.start_ns, end_ns) for source in self._counted])
+        return incomplete_cameras([source.coverage(*self._timeline.span_ns) for source in self._counted])
 
     def _from(self, source: RecordedSource, first: int, stored: Observations | None) -> CountedSource:
         """The source from the frames of time step `first` on, where it is known of all frames before whether they can be read."""

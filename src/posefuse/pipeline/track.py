@@ -197,7 +197,7 @@ def recorded_noise_scale(observations: Observations, rig: Rig, fusing: FuseSetti
 def _moved_cameras(opened: Opened, clock: StageClock, progress: Progress) -> list[str]:
     """What the background shows: one line for each camera that moved; what else there is to know is reported."""
     with clock.stage("watch"):
-        background = background_of(opened.sources, opened.rig.cameras, opened.timeline)
+        background = background_of(opened.sources, opened.rig.cameras, opened.timeline.span_ns)
     moved = [finding_line(one, opened.session.folder) for one in background.moved]
     for line in moved:
         _warn(line)

@@ -187,7 +187,7 @@ class ViewsAtJointCentres:
 
     def __init__(self, poses: PoseSequence, rig: Rig, views: PartsOfViews, table: JointCentres | None) -> None:
         """`poses`: the 3D, at joint centres. `rig`, `views`: of the same people, cameras and times. `table`: of their offsets."""
-        self._rig, self._views = rig, views
+        self._rig, self._views, self.t_ns = rig, views, poses.t_ns
         self._landmarks = LandmarksInParts(poses.xyz_world, poses.skeleton, table) if table else None
         self._points = poses.xyz_world
         shape = poses.xyz_world.shape

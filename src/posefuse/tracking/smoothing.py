@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from posefuse.core import Kind, PoseSequence, Skeleton
-from posefuse.core.arrays import SIGMA_PER_MAD, Array, give_away
+from posefuse.core.arrays import MEDIAN_CHI2, SIGMA_PER_MAD, Array, give_away
 
 from .settings import SmoothSettings
 
@@ -13,8 +15,6 @@ from .settings import SmoothSettings
 _HALF_POWER = (np.sqrt(2) - 1) ** (1 / 6)
 # the model of the response holds while the sampled signal keeps away from its Nyquist frequency
 _RATE_SHARE = 0.35
-# median of a chi-square of 3 degrees of freedom
-_MEDIAN_CHI2 = 2.366
 _PASSES = 6
 
 
@@ -48,10 +48,8 @@ def smooth(sequence: PoseSequence, settings: SmoothSettings) -> PoseSequence:
     there = np.isfinite(xyz[..., 0])
     kind = np.where(used, Kind.SMOOTHED, np.where(there, Kind.INTERPOLATED, Kind.MISSING))
     give_away(xyz, cov)
-    return PoseSequence(
-        t_ns=sequence.t_ns,
-        skeleton=sequence.skeleton,
-        person_id=sequence.person_id,
+    return replace(
+        sequence,
         xyz_world=xyz,
         cov_world=cov,
         reproj_px=np.where(used, sequence.reproj_px, np.nan),
@@ -97,7 +95,7 @@ def _smooth_point(
         smooth_kernels.smooth_point(t_s, z, noise, measured & ~left_out, q, settings.max_gap_s, mean, cov)
         miss = _contradiction(z, noise, mean, cov, measured, left_out)
         known = np.isfinite(miss) & ~left_out
-        return miss, max(1.0, float(np.median(miss[known])) / _MEDIAN_CHI2) if known.any() else 1.0
+        return miss, max(1.0, float(np.median(miss[known])) / MEDIAN_CHI2) if known.any() else 1.0
 
     left_out = np.zeros(len(z), bool)
     miss, scale = solve()

@@ -8,6 +8,7 @@ import numpy as np
 
 from posefuse.core import Detections2D, Rig, Skeleton
 from posefuse.core.arrays import Array
+from posefuse.core.skeleton import SIDES
 
 _PERIOD_NS = 33_333_333
 _STAGGER_NS = 3_000_000
@@ -28,7 +29,7 @@ def made_up_person(skeleton: Skeleton) -> Array:
     places = []
     for name in skeleton.keypoints:
         side, _, part = name.partition("_")
-        place = _STANDING.get(part if side in ("left", "right") else name)
+        place = _STANDING.get(part if side in SIDES else name)
         beside = -1 if side == "right" else 1
         loose = np.array(_ELSEWHERE) + rng.normal(size=3) * _ELSEWHERE_M
         places.append(loose if place is None else np.array(place) * (1, beside, 1))
@@ -50,11 +51,8 @@ def made_up_detections(rig: Rig, skeleton: Skeleton, time_steps: int, start_ns: 
         sure = np.isfinite(seen[..., 0])
         if i % _AT_ODDS_EVERY == 1:
             seen[0, : k // 2] += _AT_ODDS_PX
-        score, sigma = sure.astype(np.float32), np.where(sure, 2.0, np.nan)
+        t_ns, sigma = start_ns + i * _PERIOD_NS, np.where(sure, 2.0, np.nan)
         yield [
-            Detections2D(
-                camera=name, t_ns=start_ns + i * _PERIOD_NS + c * _STAGGER_NS, skeleton=skeleton,
-                xy_img=seen[c][None], score=score[c][None], sigma_px=sigma[c][None], box_img=np.zeros((1, 4)),
-            )
+            Detections2D.of(name, t_ns + c * _STAGGER_NS, skeleton, seen[c], sure[c], sigma[c])
             for c, name in enumerate(rig.names)
-        ]  # fmt: skip
+        ]

@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from posefuse.core import Kind, PoseSequence, Skeleton
+from posefuse.core import Skeleton
 from posefuse.core.arrays import Array
 from posefuse.kinematics.joints import FrameBuffers
 from posefuse.kinematics.settings import BodySettings, LiveBodyRules
@@ -64,7 +64,7 @@ class LearntBody:
         if good.mean() < _LEAST_SHARE:
             return False
         known = np.where(good[:, None], xyz, np.nan)
-        self._samples.append((t_ns, known, cov, self._work.frames_alone(known)))
+        self._samples.append((t_ns, known, np.where(good[:, None, None], cov, np.nan), self._work.frames_alone(known)))
         self._seen_s += self._every_ns * 1e-9
         if len(self._samples) > _MOST_SAMPLES:
             del self._samples[::2]
@@ -72,19 +72,8 @@ class LearntBody:
         return True
 
     def _learn(self) -> None:
-        t_ns, xyz, cov, frames = (np.array(column) for column in zip(*self._samples, strict=True))
-        seen = np.isfinite(xyz[..., 0])
-        sequence = PoseSequence(
-            t_ns=t_ns,
-            skeleton=self._skeleton,
-            person_id=np.zeros(1),
-            xyz_world=xyz[:, None],
-            cov_world=np.where(seen[..., None, None], cov, np.nan)[:, None],
-            reproj_px=np.where(seen, 0.0, np.nan)[:, None],
-            n_views=2 * seen[:, None],
-            kind=Kind.FUSED * seen[:, None],
-        )
-        body = body_from_frames(sequence, 0, frames, self._settings)
+        _, xyz, cov, frames = (np.array(column) for column in zip(*self._samples, strict=True))
+        body = body_from_frames(self._skeleton, xyz, cov, frames, self._settings.symmetric)
         if body is not None:
             self._way = _Way(self.body, with_expected_lengths(body, self._prior, self._live.length_sigma_m))
 

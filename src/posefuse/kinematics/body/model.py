@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -85,7 +85,12 @@ def bodies_from_poses(
     """
     # the angles go at once: of an hour they take much memory
     rotation, chosen = joints_from_poses(sequence, joint_settings).world_from_segment.matrix(), settings or BodySettings()
-    bodies = {int(person): body_from_frames(sequence, n, rotation[:, n], chosen) for n, person in enumerate(sequence.person_id)}
+    bodies = {
+        person: body_from_frames(
+            sequence.skeleton, sequence.xyz_world[:, n], sequence.cov_world[:, n], rotation[:, n], chosen.symmetric
+        )
+        for n, person in enumerate(sequence.person_id.tolist())
+    }
     known = {person: body for person, body in bodies.items() if body is not None}
     if bodies and not known:
         raise InputError(
@@ -95,24 +100,24 @@ def bodies_from_poses(
     return known
 
 
-def body_from_frames(sequence: PoseSequence, person: int, rotation: Array, settings: BodySettings) -> BodyModel | None:
-    """The skeleton of the person in this place, given the segment frames (T, S, 3, 3); None if hardly ever seen."""
-    points = {name: xyz[:, person] for name, xyz in landmarks(sequence).items()}
-    noise = _point_noise(sequence, person)
+def body_from_frames(skeleton: Skeleton, xyz: Array, cov: Array, rotation: Array, symmetric: bool) -> BodyModel | None:
+    """One person's skeleton from keypoints (T, K, 3), (T, K, 3, 3) and segment frames (T, S, 3, 3); None if hardly ever seen."""
+    points, variance = landmarks(xyz, skeleton), np.trace(cov, axis1=-2, axis2=-1) / 3
+    noise_var = float(_median(variance.ravel())) if np.isfinite(variance).any() else 0.0
     frame = {name: rotation[:, SEGMENT_NAMES.index(name)] for name in SEGMENT_NAMES}
-    lengths = _lengths(points, noise, settings.symmetric)
+    lengths = _lengths(points, noise_var, symmetric)
     if "pelvis" not in lengths or "trunk" not in lengths:
         return None
     offsets = _offsets(points, frame, lengths)
     nodes = _reachable(offsets)
-    places = _attached(sequence, person, frame, points, offsets, {node.name for node in nodes})
+    places = _attached(skeleton, xyz, frame, points, offsets, {node.name for node in nodes})
     nodes = _needed(nodes, {node for node, _ in places.values()})
     names = [node.name for node in nodes]
     offset = np.array([offsets[node.offset] if node.offset else np.zeros(3) for node in nodes])
     at = np.array([names.index(node) for node, _ in places.values()], np.intp)
     local = np.array([place for _, place in places.values()]).reshape(-1, 3)
     return BodyModel(
-        skeleton=sequence.skeleton,
+        skeleton=skeleton,
         nodes=nodes,
         offset=offset,
         keypoint=np.array(list(places), np.intp),
@@ -122,12 +127,6 @@ def body_from_frames(sequence: PoseSequence, person: int, rotation: Array, setti
         length_slopes=np.zeros((len(nodes), 0, 3)),
         length_cov=np.zeros((0, 0)),
     )
-
-
-def _point_noise(sequence: PoseSequence, person: int) -> float:
-    cov = sequence.cov_world[:, person]
-    traces = np.trace(cov, axis1=-2, axis2=-1) / 3
-    return float(_median(traces.ravel())) if np.isfinite(traces).any() else 0.0
 
 
 def _robust(values: Array) -> tuple[Array, Array]:
@@ -162,11 +161,10 @@ def _lengths(points: dict[str, Array], noise_var: float, symmetric: bool) -> dic
         lengths[name] = Length(float(np.sqrt(max(middle**2 - 2 * ends_var, (0.5 * middle) ** 2))), float(spread))
     if symmetric:
         for bone in LIMB_ENDS:
-            pair = [lengths[f"{side}_{bone}"] for side in SIDES if f"{side}_{bone}" in lengths]
-            if len(pair) == 2:
-                shared = (pair[0].value_m + pair[1].value_m) / 2
-                for side, one in zip(SIDES, pair, strict=True):
-                    lengths[f"{side}_{bone}"] = Length(shared, one.spread_m)
+            left, right = (f"{side}_{bone}" for side in SIDES)
+            if left in lengths and right in lengths:
+                shared_m = (lengths[left].value_m + lengths[right].value_m) / 2
+                lengths |= {name: replace(lengths[name], value_m=shared_m) for name in (left, right)}
     return lengths
 
 
@@ -227,23 +225,22 @@ def _needed(nodes: tuple[Node, ...], used: set[str]) -> tuple[Node, ...]:
 
 
 def _attached(
-    sequence: PoseSequence,
-    person: int,
+    skeleton: Skeleton,
+    xyz: Array,
     frame: dict[str, Array],
     points: dict[str, Array],
     offsets: dict[str, Array],
     names: set[str],
 ) -> dict[int, tuple[str, Array]]:
     """Node and local place (3,) of each keypoint the tree carries."""
-    keypoints = sequence.skeleton.keypoints
+    keypoints = skeleton.keypoints
     at_origin = {index: AT_ORIGIN[name] for index, name in enumerate(keypoints) if AT_ORIGIN.get(name) in names}
     templates = {index: TEMPLATES[name] for index, name in enumerate(keypoints) if TEMPLATES.get(name) in names}
     places = {index: (node, np.zeros(3)) for index, node in at_origin.items()}
     if templates:
-        origins, seen = _template_origins(points), np.empty((len(sequence), len(templates), 3))
+        origins, seen = _template_origins(points), np.empty((len(xyz), len(templates), 3))
         for at, (index, node) in enumerate(templates.items()):
-            away = sequence.xyz_world[:, person, index] - origins[node]
-            seen[:, at] = np.einsum("tij,ti->tj", frame[NODE_SEGMENT[node]], away)
+            seen[:, at] = np.einsum("tij,ti->tj", frame[NODE_SEGMENT[node]], xyz[:, index] - origins[node])
         enough = np.isfinite(seen).all(axis=-1).sum(axis=0) >= FEWEST_SEEN
         for (index, node), known, place in zip(templates.items(), enough, _median(seen), strict=True):
             if known:

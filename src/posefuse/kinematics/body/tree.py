@@ -39,15 +39,13 @@ def _side(side: str) -> tuple[Node, ...]:
     h, k, a = f"{side}_hip", f"{side}_knee", f"{side}_ankle"
     return (
         Node(name=f"{side}_girdle_x", parent="stretch", kind=SLIDE, axis=X, offset=s, sd=0.025, slack=True),
-        Node(name=f"{side}_girdle_y", parent=f"{side}_girdle_x", kind=SLIDE, axis=Y, offset="", sd=0.025, slack=True),
+        Node(name=f"{side}_girdle_y", parent=f"{side}_girdle_x", kind=SLIDE, axis=Y, sd=0.025, slack=True),
         Node(name=s, parent=f"{side}_girdle_y", kind=BALL, sd=1.5),
         Node(name=f"{side}_carrying", parent=s, kind=HINGE, axis=X, offset=e, sd=0.07, slack=True),
         Node(name=e, parent=f"{side}_carrying", kind=HINGE, axis=Z, sd=1.2, limits=((-0.15, 2.7),)),
         Node(name=f"{side}_pronation", parent=e, kind=HINGE, axis=Y, offset=w, sd=1.0, limits=((-0.6, 3.3),)),
-        Node(
-            name=f"{side}_wrist_flexion", parent=f"{side}_pronation", kind=HINGE, axis=Z, offset="", sd=0.5, limits=((-1.4, 1.5),)
-        ),
-        Node(name=f"{side}_hand", parent=f"{side}_wrist_flexion", kind=HINGE, axis=X, offset="", sd=0.3, limits=((-0.7, 0.7),)),
+        Node(name=f"{side}_wrist_flexion", parent=f"{side}_pronation", kind=HINGE, axis=Z, sd=0.5, limits=((-1.4, 1.5),)),
+        Node(name=f"{side}_hand", parent=f"{side}_wrist_flexion", kind=HINGE, axis=X, sd=0.3, limits=((-0.7, 0.7),)),
         Node(name=h, parent="pelvis", kind=BALL, offset=h, sd=0.8, limits=((-0.7, 2.3), (-0.9, 0.7), (-0.9, 0.9))),
         Node(name=f"{side}_varus", parent=h, kind=HINGE, axis=X, offset=k, sd=0.07, slack=True),
         Node(name=k, parent=f"{side}_varus", kind=HINGE, axis=Z, sd=1.0, limits=((-2.7, 0.15),)),
@@ -60,8 +58,8 @@ NODES = (
     Node(name="y", parent="x", kind=SLIDE, axis=Y),
     Node(name="z", parent="y", kind=SLIDE, axis=Z),
     Node(name="pelvis", parent="z", kind=BALL),
-    Node(name="bend", parent="pelvis", kind=HINGE, axis=X, offset="", sd=0.4, limits=((-0.8, 0.8),)),
-    Node(name="twist", parent="bend", kind=HINGE, axis=Y, offset="", sd=0.5, limits=((-1.2, 1.2),)),
+    Node(name="bend", parent="pelvis", kind=HINGE, axis=X, sd=0.4, limits=((-0.8, 0.8),)),
+    Node(name="twist", parent="bend", kind=HINGE, axis=Y, sd=0.5, limits=((-1.2, 1.2),)),
     Node(name="stretch", parent="twist", kind=SLIDE, axis=Y, offset="neck", sd=0.03, slack=True),
     Node(name="head", parent="stretch", kind=BALL, offset="head", sd=0.6),
     *_side("left"),

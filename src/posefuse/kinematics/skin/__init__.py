@@ -11,10 +11,10 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from posefuse.core.arrays import Array
-from posefuse.core.skeleton import SIDES
+from posefuse.core.skeleton import LIMB_ENDS, SIDES
 from posefuse.formats.bvh import BvhData
 from posefuse.formats.gltf import Skin
-from posefuse.kinematics.animation import FILE_FROM_SEGMENT
+from posefuse.kinematics.animation import FILE_FROM_SEGMENT, PARENT
 from posefuse.kinematics.definitions import NOSE_BELOW_RAD
 
 # The mesh that people are drawn as: a mean body and its shapes (`tools/make_body_mesh.py`; NOTICE has the licences).
@@ -22,12 +22,6 @@ from posefuse.kinematics.definitions import NOSE_BELOW_RAD
 # a length that the skeleton has counts as much as a shape of one standard deviation if it is this far off
 _LENGTH_SIGMA_M = 0.003
 _ROUNDS, _STEP = 4, 1e-3
-_SPANS = {
-    "upper_arm": ("{side}_shoulder", "{side}_elbow"),
-    "forearm": ("{side}_elbow", "{side}_wrist"),
-    "thigh": ("{side}_hip", "{side}_knee"),
-    "shank": ("{side}_knee", "{side}_ankle"),
-}
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -73,7 +67,7 @@ class Template:
 @cache
 def length_names() -> dict[str, tuple[str, str]]:
     """Name of a length -> the keypoints it is between."""
-    found = {f"{s}_{name}": (a.format(side=s), b.format(side=s)) for s in SIDES for name, (a, b) in _SPANS.items()}
+    found = {f"{side}_{name}": (f"{side}_{a}", f"{side}_{b}") for side in SIDES for name, (a, b) in LIMB_ENDS.items()}
     return {**found, "shoulders": ("left_shoulder", "right_shoulder"), "hips": ("left_hip", "right_hip")}
 
 
@@ -96,17 +90,7 @@ def template() -> Template:
 
 
 _FORWARD, _RIGHT = np.array([1.0, 0, 0]), np.array([0, -1.0, 0])
-# segment -> (the joint it begins at, where it ends, the segment that carries it where the skeleton lacks it)
-_LIMBS = {
-    "upper_arm": ("shoulder", "elbow", "thorax"), "forearm": ("elbow", "wrist", "upper_arm"), "hand": ("wrist", "", "forearm"),
-    "thigh": ("hip", "knee", "pelvis"), "shank": ("knee", "ankle", "thigh"), "foot": ("ankle", "", "shank"),
-}  # fmt: skip
 _NEXT = {"upper_arm": "forearm", "forearm": "hand", "thigh": "shank", "shank": "foot"}
-_CARRIES = {"head": "thorax", "thorax": "pelvis"} | {
-    f"{side}_{name}": over if over in ("thorax", "pelvis") else f"{side}_{over}"
-    for side in SIDES
-    for name, (_, _, over) in _LIMBS.items()
-}
 _STRETCH = (0.7, 1.4)
 _MOST_JOINTS = 4
 
@@ -148,12 +132,12 @@ def _lengths(rest: Mapping[str, Array]) -> dict[str, float]:
 
 def _end(segment: str, rest: Mapping[str, Array]) -> str:
     """The joint that begins a segment; of a skeleton without it, the end of the segment before."""
-    return segment if segment in rest else f"{_CARRIES[segment]}_end"
+    return segment if segment in rest else f"{PARENT[segment]}_end"
 
 
 def _carrier(segment: str, rest: Mapping[str, Array]) -> str:
     while segment not in rest and segment != "pelvis":
-        segment = _CARRIES[segment]
+        segment = PARENT[segment]
     return segment
 
 
@@ -191,15 +175,14 @@ def _frame(segment: str, points: Mapping[str, Array], rest: Mapping[str, Array])
         return _axes(Y=np.cross(z, level), Z=z), ears, np.ones(3)
     side, part = segment.split("_", 1)
     at = {name.removeprefix(f"{side}_"): point for name, point in points.items() if name.startswith(side)}
-    origin = at[_LIMBS[part][0]]
     if part == "foot":
         along, up = (at["big_toe"] + at["small_toe"]) / 2 - at["heel"], at["ankle"] - at["heel"]
         z = np.cross(along, up)
-        return _axes(Y=np.cross(z, along), Z=z), origin, np.ones(3)
+        return _axes(Y=np.cross(z, along), Z=z), at["ankle"], np.ones(3)
     if part == "hand":
-        across = at["index"] - at["pinky"]
+        across, origin = at["index"] - at["pinky"], at["wrist"]
         return _axes(Y=origin - (at["index"] + at["pinky"]) / 2, Z=across if side == "right" else -across), origin, np.ones(3)
-    end = at[_LIMBS[part][1]]
+    origin, end = (at[name] for name in LIMB_ENDS[part])
     begin_at, end_at = rest[segment], rest.get(_end(f"{side}_{_NEXT[part]}", rest))
     longer = 1.0 if end_at is None else np.linalg.norm(end_at - begin_at) / np.linalg.norm(end - origin)
     ahead = _FORWARD if part in ("thigh", "shank") else _bend(at)

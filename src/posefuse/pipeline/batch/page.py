@@ -13,9 +13,9 @@ from posefuse.core.arrays import Array, known_median
 from posefuse.core.palette import LEGEND
 from posefuse.core.poses import point_sigma_m
 from posefuse.core.skeleton import SIDES
-from posefuse.evaluation.gait_cycles import PERCENT, gait_cycles
-from posefuse.evaluation.report import RANGES
-from posefuse.formats.page import Band, Block, Cards, Heading, Line, Note, Page, Plot, Plots, Series, Table
+from posefuse.evaluation.gait_cycles import gait_cycles
+from posefuse.evaluation.report import RANGES, cycle_series
+from posefuse.formats.page import Block, Cards, Heading, Note, Page, Plot, Plots, Series, Table
 from posefuse.kinematics import joints_from_poses
 from posefuse.kinematics.gait import Gait, gait_from_poses
 from posefuse.outputs.facts import duration_s
@@ -147,10 +147,7 @@ def _cycle_plot(joint: str, angle: str, participants: Sequence[str], rows: Rows)
         if not curves:
             continue
         every = np.stack(list(curves.values()))
-        mean, sd = every.mean(axis=0), every.std(axis=0)
-        series += [Line(f"{side} {who}", PERCENT, curve, colour=side, faint=True) for who, curve in curves.items()]
-        series.append(Band(f"{side} ± sd", PERCENT, mean - sd, mean + sd, colour=side))
-        series.append(Line(f"{side}, mean of {len(curves)}", PERCENT, mean, colour=side))
+        series += cycle_series(side, curves, every.mean(axis=0), every.std(axis=0), f"{side}, mean of {len(curves)}")
     if not series:
         return None
     return Plot(f"{joint} {angle}".capitalize(), series, x_label="% of the gait cycle", y_label="degrees", legend=False)

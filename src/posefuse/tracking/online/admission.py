@@ -5,6 +5,7 @@ Whether a ray is an outlier is judged by its residual, in `tracking.online.kerne
 
 from __future__ import annotations
 
+from collections import Counter
 from dataclasses import dataclass, field
 
 from posefuse.core import Detections2D, Rig, ShapeError, Skeleton
@@ -18,14 +19,11 @@ _APART_NS = 4_000_000
 
 @dataclass
 class _CameraTimes:
-    """One camera's times: the newest received, those used within the lag buffer, and what was refused."""
+    """One camera's times: the newest received, those used within the lag buffer, and how many were refused, by reason."""
 
     stated_ns: int | None = None
     used_ns: list[int] = field(default_factory=list)
-    late: int = 0
-    ahead: int = 0
-    repeated: int = 0
-    crowded: int = 0
+    refused: Counter[str] = field(default_factory=Counter)
 
 
 class Admission:
@@ -64,10 +62,10 @@ class Admission:
         if not self._believable(t_ns, times):
             return False
         if t_ns in times.used_ns:
-            times.repeated += 1
+            times.refused["repeated"] += 1
             return False
         if any(abs(t_ns - used) < _APART_NS for used in times.used_ns):
-            times.crowded += 1
+            times.refused["crowded"] += 1
             return False
         self.newest_ns = t_ns if self.newest_ns is None else max(t_ns, self.newest_ns)
         times.used_ns = [used for used in times.used_ns if used >= self.newest_ns - self._lag_ns] + [t_ns]
@@ -83,11 +81,11 @@ class Admission:
                 for other in self.times.values():
                     other.used_ns.clear()
                 return True
-            times.late += 1
+            times.refused["late"] += 1
             return False
         known_ns = self.newest_ns if self._asked_ns is None else max(self.newest_ns, self._asked_ns)
         if t_ns > known_ns + _AHEAD_NS and not self._agreed(t_ns):
-            times.ahead += 1
+            times.refused["ahead"] += 1
             return False
         return True
 

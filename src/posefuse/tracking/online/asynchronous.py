@@ -17,6 +17,7 @@ from .admission import Admission
 from .contract import CameraStatistics, Fuse, Solve
 from .cross_check import CrossCheck
 from .kernels.rays import person_agreement
+from .kernels.state import KeypointRays
 from .kernels.step import ViewFigures
 from .optics import Optics, Rays
 from .person import Evidence, Model, Person, Pose3DArrays, View, evidence_of
@@ -107,11 +108,9 @@ class AsynchronousTracker:
         for person, p in claims:
             wrong = self._checks[person].keep(detections.people(np.array([p])))
             z = np.where(wrong[:, None], np.nan, rays.z[p])
-            view = View(
-                t_ns=detections.t_ns, camera=c, z=z, white=rays.white[p], late_s=rays.late_s[p],
-                sigma_px=rays.sigma_px[p], depth_m=None if rays.depth_m is None else rays.depth_m[p],
-            )  # fmt: skip
-            found = person.add(view)
+            seen = KeypointRays(camera=c, z=z, white=rays.white[p], late_s=rays.late_s[p], sigma_px=rays.sigma_px[p])
+            depth_m = None if rays.depth_m is None else rays.depth_m[p]
+            found = person.add(View(t_ns=detections.t_ns, rays=seen, depth_m=depth_m))
             if found is not None:
                 figures.count(found)
                 tracks[looked_at[p]] = person.id
@@ -173,10 +172,7 @@ class AsynchronousTracker:
                 gated_share=own.gated,
                 flipped_share=own.flipped,
                 unclaimed=own.unclaimed,
-                late=times.late,
-                ahead=times.ahead,
-                repeated=times.repeated,
-                crowded=times.crowded,
+                **times.refused,
             )
         return result
 
@@ -189,7 +185,7 @@ class AsynchronousTracker:
         for n, person in enumerate(self._people):
             means, sigmas = person.expected(t_ns)
             person_agreement(
-                model.cameras[c], means, sigmas, rays.z, model.mirror, _TOLERANCE_M, support[n], share[n]
+                model.cameras[c], means, sigmas, rays.z, model.skeleton.mirror, _TOLERANCE_M, support[n], share[n]
             )  # fmt: skip
         support = np.where(share >= _CLAIMED_SHARE, support, 0.0)
         rows, places = linear_sum_assignment(-support) if support.size > 1 else ([0], [0])

@@ -15,6 +15,7 @@ from posefuse.core.arrays import Array, median_apart
 from posefuse.core.values import UNSEEN
 
 from .contract import Fuse
+from .kernels.state import GROUPS
 from .person import Model, Person
 
 # chosen, not fitted: cameras from 7 frames/s on always take part; views are moved by what the tracker knows of the motion since,
@@ -45,9 +46,9 @@ class CrossCheck:
     """
 
     def __init__(self, model: Model, fuse: Fuse) -> None:
-        self._rig, self._skeleton, self._fuse, self._mirror = model.rig, model.skeleton, fuse, model.mirror
+        self._rig, self._skeleton, self._fuse, self._mirror = model.rig, model.skeleton, fuse, model.skeleton.mirror
         # (GROUPS, K) of which limbs each keypoint is
-        self._limbs = model.group == np.arange(model.groups)[:, None]
+        self._limbs = model.group == np.arange(GROUPS)[:, None]
         self._focal_px = np.array([camera.K[0, 0] for camera in self._rig])
         self._centres = np.stack([camera.centre_world for camera in self._rig])
         self._newest: dict[str, Detections2D] = {}
@@ -55,7 +56,7 @@ class CrossCheck:
         # (K,) in how many checks running keypoints were found elsewhere
         self._far = np.zeros(len(self._skeleton), np.int64)
         # (GROUPS,) in how many checks running left and right of limbs were exchanged against what is tracked
-        self._turned = np.zeros(model.groups, np.int64)
+        self._turned = np.zeros(GROUPS, np.int64)
         self.checked_ns = self.found_ns = 0
         self.away_world = np.full((len(self._skeleton), 3), np.nan)
 

@@ -14,7 +14,7 @@ from posefuse.tracking.settings import MOTION, LiveMotion, LiveSettings
 
 from .kernels.pose import PoseRow, pose, rays_of_person, where
 from .kernels.rays import exchange_groups
-from .kernels.state import GROUPS, KeypointRays, Rules, SessionArrays, born, state_size
+from .kernels.state import KeypointRays, Rules, SessionArrays, born, state_size
 from .kernels.step import ViewFigures, step
 from .kernels.updates import begin_again
 from .own_motion import OwnMotion
@@ -52,36 +52,21 @@ class Model:
         return np.array([[[one.acceleration_m_s2, one.persistence_s] for one in bank] for bank in banks])
 
     @cached_property
-    def mirror(self) -> Array:
-        """(K,) counterparts."""
-        return np.asarray(self.skeleton.mirror, np.int64)
-
-    @cached_property
     def group(self) -> Array:
         """(K,) what is exchanged together: arms 0, legs 1, head 2; -1 on the midline."""
         groups = np.full(len(self.skeleton), 2, np.int64)
         for number, sides in enumerate(self.skeleton.limbs):
             groups[np.concatenate(sides)] = number
-        groups[self.mirror == np.arange(len(self.skeleton))] = -1
+        groups[self.skeleton.mirror == np.arange(len(self.skeleton))] = -1
         return groups
-
-    @property
-    def groups(self) -> int:
-        """How many groups there are."""
-        return GROUPS
-
-    @cached_property
-    def ends(self) -> Array:
-        """(B, 2) bones."""
-        return np.asarray(self.skeleton.bone_indices, np.int64)
 
     @cached_property
     def neighbours(self) -> Array:
         """(K, n) keypoints at the other ends of each one's bones, -1 for none."""
         lists: list[list[int]] = [[] for _ in self.skeleton.keypoints]
-        for a, b in self.ends:
-            lists[a].append(int(b))
-            lists[b].append(int(a))
+        for a, b in self.skeleton.bone_indices.tolist():
+            lists[a].append(b)
+            lists[b].append(a)
         most = max(1, *(len(one) for one in lists))
         return np.array([one + [-1] * (most - len(one)) for one in lists], np.int64)
 
@@ -91,21 +76,17 @@ class Model:
         values = {**vars(self.motion), "lost_after_s": self.settings.lost_after_s}
         rules = Rules(*(float(values[name]) for name in Rules._fields))
         return SessionArrays(
-            cameras=self.cameras, mirror=self.mirror, group=self.group, neighbours=self.neighbours, ends=self.ends,
-            models=self.models, rules=rules,
+            cameras=self.cameras, mirror=self.skeleton.mirror, group=self.group, neighbours=self.neighbours,
+            ends=self.skeleton.bone_indices, models=self.models, rules=rules,
         )  # fmt: skip
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class View:
-    """One camera's keypoints of this person: z, sigma_px, depth_m (K, ...) and so on as in `optics.Rays`."""
+    """One camera's keypoints of this person: rays and depth_m (K, ...) as in `optics.Rays`."""
 
     t_ns: int
-    camera: int
-    z: Array
-    white: Array
-    late_s: Array
-    sigma_px: Array
+    rays: KeypointRays
     depth_m: Array | None = None
 
 
@@ -137,17 +118,18 @@ class Person:
         """Work a view in at its own time; its figures, or None when it is older than memory."""
         if view.t_ns < self._moments[0].t_ns:
             return None
-        place = bisect_right(self._moments, (view.t_ns, view.camera), key=lambda m: (m.t_ns, m.camera))
-        self._moments.insert(place, _Moment(view.t_ns, view.camera, view, np.empty_like(self._moments[0].state)))
+        camera = view.rays.camera
+        place = bisect_right(self._moments, (view.t_ns, camera), key=lambda m: (m.t_ns, m.camera))
+        self._moments.insert(place, _Moment(view.t_ns, camera, view, np.empty_like(self._moments[0].state)))
         figures = newest = self._redone(place)
         for later in range(place + 1, len(self._moments)):
             newest = self._redone(later)
         self.speed_m_s = newest.speed_m_s
         if figures.measured > figures.gated:
-            self._measured_by_ns[view.camera] = max(view.t_ns, self._measured_by_ns.get(view.camera, view.t_ns))
+            self._measured_by_ns[camera] = max(view.t_ns, self._measured_by_ns.get(camera, view.t_ns))
         if figures.depths > 0:
             # depth gives the distance of the person, as a second camera does
-            self._measured_by_ns[_DEPTH_OF + view.camera] = self._measured_by_ns.get(view.camera, view.t_ns)
+            self._measured_by_ns[_DEPTH_OF + camera] = self._measured_by_ns.get(camera, view.t_ns)
         return figures
 
     def forget(self, before_ns: int) -> None:
@@ -191,13 +173,13 @@ class Person:
     def newest(self, since_ns: int, until_ns: int) -> list[View]:
         """The newest view of each camera between these times."""
         views = (moment.view for moment in self._moments if since_ns <= moment.t_ns <= until_ns)
-        return list({view.camera: view for view in views if view is not None}.values())
+        return list({view.rays.camera: view for view in views if view is not None}.values())
 
     def rays_into(self, view: View, z: Array, inverse_var: Array, then_world: Array) -> None:
         """Fill the rays of a view of this person, see `rays_of_person`."""
         before = (self._before(view.t_ns).state, self._before(view.t_ns + _ROW_NS).state)
         rays_of_person(
-            before, self._seconds(view.t_ns), _ROW_NS * 1e-9, _rays(view), self._model.arrays, z, inverse_var, then_world
+            before, self._seconds(view.t_ns), _ROW_NS * 1e-9, view.rays, self._model.arrays, z, inverse_var, then_world
         )  # fmt: skip
 
     def expected(self, t_ns: int) -> tuple[Array, Array]:
@@ -223,7 +205,7 @@ class Person:
         view = now.view
         assert view is not None
         figures: ViewFigures = step(
-            before.state, now.state, self._seconds(now.t_ns), _rays(view), self._model.arrays, view.depth_m
+            before.state, now.state, self._seconds(now.t_ns), view.rays, self._model.arrays, view.depth_m
         )  # fmt: skip
         return figures
 
@@ -232,10 +214,6 @@ class Person:
 
     def _seconds(self, t_ns: int) -> float:
         return (t_ns - self._birth_ns) * 1e-9
-
-
-def _rays(view: View) -> KeypointRays:
-    return KeypointRays(camera=view.camera, z=view.z, white=view.white, late_s=view.late_s, sigma_px=view.sigma_px)
 
 
 class Pose3DArrays:
@@ -292,13 +270,13 @@ class Evidence:
 
 def evidence_of(person: Person, model: Model, checked_ns: int, away_world: Array, t_ns: int) -> Evidence:
     """Of views not older than 150 ms at `t_ns`, which the order of arrival does not change."""
-    views = sorted(person.newest(t_ns - _NEWEST_NS, t_ns), key=lambda view: view.camera)
+    views = sorted(person.newest(t_ns - _NEWEST_NS, t_ns), key=lambda view: view.rays.camera)
     k = len(model.skeleton)
     z, inverse_var, then = np.empty((len(views), k, 2)), np.empty((len(views), k)), np.empty((len(views), k, 3))
     for v, view in enumerate(views):
         person.rays_into(view, z[v], inverse_var[v], then[v])
     return Evidence(
-        camera=np.array([view.camera for view in views], np.intp),
+        camera=np.array([view.rays.camera for view in views], np.intp),
         z=z,
         inverse_var=inverse_var,
         then_world=then,
