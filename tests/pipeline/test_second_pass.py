@@ -13,6 +13,7 @@ from posefuse.core import (
     LookKind,
     Observations,
     PoseSequence,
+    Recording,
     Rig,
     ViewSequence,
     views_over_time,
@@ -118,6 +119,15 @@ def test_any_person_was_seen_for_a_moment_only_is_left_out(ring_rig) -> None:
     assert len(kept) == len(seen)
     assert set(kept.person_id.tolist()) == {0, -1}
     refusal(InputError, "no person could be followed", lambda: long_enough(seen.keeping([])))
+
+
+def test_a_recording_can_be_fused_again_from_what_it_keeps(ring_rig) -> None:
+    rig = ring_rig(3)
+    seen = seen_by(rig, LATE_NS[:3])
+    fused = poses_over_time(views_of(seen), rig, FUSE, SmoothSettings())
+    again = poses_over_time(Recording(rig=rig, poses=fused, observations=seen).views, rig, FUSE, SmoothSettings())
+    assert np.array_equal(again.xyz_world, fused.xyz_world)
+    assert worst_mm(fused) < 3
 
 
 def test_limbs_keep_their_sides_between_two_frames_that_name_them_differently(ring_rig) -> None:
