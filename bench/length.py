@@ -4,9 +4,10 @@
 
 The session (default: examples/demo) is tracked once; a result folder is taken as it is. Its observations are then put one
 after the other, every second time backwards, so that the person moves on without a jump. `solve` is `posefuse solve RESULT`:
-all but decoding and detection. `bodies` is the same with `--body on`. Each command is a process of its own; memory is the
-largest that its system call reports; that of an hour is what the two longest recordings make of it along a straight line.
-With `--only`, the page's other rows stay if they are of the same lengths.
+all but decoding and detection. `bodies` is the same with `--body on`. `track` is `posefuse track` of the session's videos of
+its first and third camera, put end to end, with `blazepose_lite` and `--people 1`. Each command is a process of its own;
+memory is the largest that its system call reports; that of an hour is what the two longest recordings make of it along a
+straight line. With `--only`, the page's other rows stay if they are of the same lengths.
 """
 
 import shutil
@@ -16,6 +17,7 @@ import tempfile
 from dataclasses import replace
 from pathlib import Path
 
+import av
 import numpy as np
 from harness import DEMO, POSEFUSE, answer, arguments, note, retimed, tracked
 from page_marks import table_between_marks
@@ -23,7 +25,8 @@ from page_marks import table_between_marks
 from posefuse.core import Observations, Recording
 from posefuse.formats.recording import ABOUT_FILE, read_recording, write_recording
 
-COMMANDS = ("solve", "bodies", "report", "compare")
+_TRACK = ("--networks", "blazepose_lite", "--people", "1", "--outputs", "trc")
+COMMANDS = ("track", "solve", "bodies", "report", "compare")
 
 
 def there_and_back(recording: Recording, minutes: float) -> Recording:
@@ -52,6 +55,24 @@ def _backwards(log: Observations) -> Observations:
 
 def _later(log: Observations, later_ns: int) -> Observations:
     return replace(log, step_t_ns=log.step_t_ns + later_ns, frame_t_ns=log.frame_t_ns + later_ns)
+
+
+def end_to_end(session: Path, minutes: float, folder: Path) -> None:
+    """A session of two of the videos, each repeated to this length."""
+    (folder / "videos").mkdir(parents=True)
+    shutil.copy(session / "rig.toml", folder)
+    for file in sorted((session / "videos").iterdir())[:3:2]:
+        with av.open(str(file)) as clip, av.open(str(folder / "videos" / file.name), "w") as long:
+            [stream] = clip.streams.video
+            out = long.add_stream_from_template(stream)
+            packets = [(bytes(one), one.pts, one.dts, one.duration, one.is_keyframe) for one in clip.demux(stream) if one.size]
+            span = max(pts + duration for _, pts, _, duration, _ in packets)
+            for i in range(round(minutes * 60 / float(span * stream.time_base))):
+                for content, pts, dts, duration, is_keyframe in packets:
+                    packet = av.Packet(content)
+                    packet.stream, packet.time_base, packet.is_keyframe = out, stream.time_base, is_keyframe
+                    packet.pts, packet.dts, packet.duration = pts + i * span, dts + i * span, duration
+                    long.mux(packet)
 
 
 # a small process of its own: memory of a command counts from that of the process that starts it
@@ -87,6 +108,7 @@ def main() -> None:
         long, out = Path(scratch) / "long", Path(scratch) / "out"
         solve = ["solve", str(long), "--out", str(out), "--outputs", "trc", "--set"]
         commands = {
+            "track": ["track", str(long / "session"), "--out", str(out), *_TRACK],
             "solve": [*solve, "body=off"],
             "bodies": [*solve, "body=on"],
             "report": ["report", str(long), "--out", str(out)],
@@ -95,6 +117,8 @@ def main() -> None:
         for minutes in args.minutes:
             long.mkdir()
             write_recording(long, there_and_back(recording, minutes))
+            if "track" in args.only:
+                end_to_end(args.session, minutes, long / "session")
             for name in args.only:
                 cpu_s, memory_mib = measured(commands[name])
                 rows[name][f"{minutes:g} min"] = f"{cpu_s:.0f} s, {memory_mib:.0f} MiB"
