@@ -166,21 +166,25 @@ class PoseSequence:
 
 
 class WrittenPoses:
-    """Room for the poses of people (N,) at times (T,), each missing until it is written."""
+    """Room for the poses of people (N,) at times (T,); each time step must be written."""
 
     def __init__(self, t_ns: Array, skeleton: Skeleton, person_id: Array) -> None:
         self._t_ns, self._skeleton, self._person_id = t_ns, skeleton, person_id
         sizes = {"N": len(person_id), "K": len(skeleton), "3": 3}
-        shapes = {name: (len(t_ns), *(sizes[axis] for axis in _POSE_AXES[name].split())) for name in _PLANES}
+        # memory that is not written yet takes no room: of an hour it is much
         self._planes = {
-            name: np.full(shape, Kind.MISSING if _POSE_DTYPES[name] is np.uint8 else np.nan, _POSE_DTYPES[name])
-            for name, shape in shapes.items()
+            name: np.empty((len(t_ns), *(sizes[axis] for axis in _POSE_AXES[name].split())), _POSE_DTYPES[name])
+            for name in _PLANES
         }
 
-    def write(self, steps: int | slice, poses: Pose3D | PoseSequence, people: list[int] | slice = slice(None)) -> None:
-        """The poses of these people, places on axis N, at a time step or several."""
+    def write(self, steps: int | slice, poses: Pose3D | PoseSequence, people: list[int] | None = None) -> None:
+        """Poses at a time step or several: of everybody, or of people at these places on axis N; the others are missing."""
         for name, plane in self._planes.items():
-            plane[steps, people] = getattr(poses, name)
+            if people is None:
+                plane[steps] = getattr(poses, name)
+            else:
+                plane[steps] = Kind.MISSING if plane.dtype == np.uint8 else np.nan
+                plane[steps, people] = getattr(poses, name)
 
     def sequence(self) -> PoseSequence:
         """All that was written; nothing can be written any more."""
