@@ -155,8 +155,8 @@ def test_noise_on_a_straight_leg_does_not_reach_the_turn(posed):
 
 
 @pytest.mark.parametrize(("limb", "seconds"), [("left_elbow", 4), ("right_knee", 4)])
-def test_a_plane_that_is_the_wrong_way_round_is_found_in_points_too_uncertain_to_show_it_at_once(posed, limb, seconds):
-    """Bent backwards at first, which no human can: its plane is then taken as the wrong way round."""
+def test_a_reversed_plane_is_found_in_points_too_uncertain_to_show_it_at_once(posed, limb, seconds):
+    """Bent backwards at first, which no human can: its plane is then taken as reversed."""
     frames = [{limb: (-80.0 if i < 5 else 25.0, 0, 0)} for i in range(30 * seconds)]
     clear, uncertain = posed(frames, sigma_m=0.002), posed(frames, sigma_m=0.03)
     cov = np.where((np.arange(len(clear)) < 5)[:, None, None, None, None], clear.cov_world, uncertain.cov_world)

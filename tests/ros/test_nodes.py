@@ -240,7 +240,7 @@ def test_a_node_with_other_intrinsics_is_reported(ring_rig):
 
 def test_a_network_that_cannot_be_read_for_a_while_is_reported_once_and_read_again(ring_rig, monkeypatch):
     intake, rig = NetworkViews(ring_rig(2), NETWORK, SessionClock.begin(), LiveConfig()), ring_rig(2)
-    # each kind is said once, whatever its words are
+    # each kind is reported once, whatever its words are
     failures = iter([SourceError("no buffer space"), ValueError("no buffer space"), SourceError("no route"), ValueError("none")])
     hand_on = NetworkViews._hand_on
 

@@ -230,15 +230,15 @@ def quaternions(rotation, wxyz):
             wxyz[n, i] *= sign / norm
 
 
-# a plane memory: z and y in parent axes, z and y in world axes, variance, evidence that the limb bends the other way round
+# a plane memory: z and y in parent axes, z and y in world axes, variance, evidence that the plane is reversed
 MEMORY_SIZE = 14
 # a plane: normal z, variance of its turn; variance of the plane seen now, and the part of that due to the points
 PLANE_SIZE = 6
 UNKNOWN_VAR = 1.0  # rad^2 of a plane guessed from the parent's Z axis
 # sine of the angle to which a knee or elbow may be bent beyond straight
 _HYPEREXTENDED = 0.2
-# log of the odds at which a plane counts as the wrong way round: 100 to 1
-WRONG_WAY_ROUND = 4.6
+# log of the odds at which a plane counts as reversed: 100 to 1
+REVERSED = 4.6
 # what an independent look at a limb has to say more than this, so that noise of a straight limb never adds up
 _EVIDENCE_LOST = 0.5
 
@@ -284,7 +284,7 @@ def plane_step(points, points_cov, limb, bend, parent, memory, grown_var, hinge_
             return
     before = 0.0 if math.isnan(memory[13]) else memory[13]
     memory[13] = evidence_against(points, points_cov, limb, bend, y, z, repeats, before)
-    if memory[13] > WRONG_WAY_ROUND:
+    if memory[13] > REVERSED:
         z = -z
         memory[13] = 0.0
     turn, seen_var, points_var = _seen_turn(points, points_cov, limb, bend, y, z, hinge_var * repeats)
@@ -338,7 +338,7 @@ def _followed(z, y_before, y):
 
 @kernel()
 def evidence_against(points, points_cov, limb, bend, y, z, repeats, evidence):
-    """Log of the odds that a limb bends the other way round than its plane z has it, with what these points add to `evidence`.
+    """Log of the odds that the plane z of a limb is reversed, with what these points add to `evidence`.
 
     How far the lower end lies forward has a Gaussian error; a limb can be bent from `_HYPEREXTENDED` on. So the odds of both
     signs are known, and add up over time, from 0 (Page, Continuous inspection schemes, Biometrika 41, 1954).

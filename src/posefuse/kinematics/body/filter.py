@@ -129,9 +129,9 @@ class FilteredStep:
 
 
 class _Arms:
-    """The arms of one body; remembers what speaks against the side to which each elbow is bent.
+    """The arms of one body; remembers the evidence against the side to which each elbow is bent.
 
-    An elbow that is held at its end of motion while its points are bent the other way round is a minimum that a filter does not
+    An elbow that is held at its end of motion while its points are bent to the other side is a minimum that a filter does not
     leave: the upper arm is turned by 180 deg about its own axis. Legs have none, because hips have limits, too.
     """
 
@@ -147,7 +147,7 @@ class _Arms:
         self._frame, self._origin = np.empty((len(names), 3, 3)), np.empty((len(names), 3))
 
     def turned(self, state: State, seen: Measurement, repeats: float) -> State | None:
-        """The state with those arms turned that must be the wrong way round; None if there are none."""
+        """The state with those arms turned that must be reversed; None if there are none."""
         tree, size = self._tree, len(state.velocity)
         tree_kernels.forward_kinematics(
             tree.parent, tree.kind, tree.axis, tree.offset, state.q, state.rot, self._frame, self._origin
@@ -156,8 +156,8 @@ class _Arms:
         for i, ((upper, carrying, elbow, pronation), points) in enumerate(self._arms):
             _, y, z = self._frame[upper].T.copy()
             against = kernels.evidence_against(seen.xyz, seen.cov, points, 1, y, z, repeats, self._against[i])
-            self._against[i] = against if against <= kernels.WRONG_WAY_ROUND else 0.0
-            if against > kernels.WRONG_WAY_ROUND:
+            self._against[i] = against if against <= kernels.REVERSED else 0.0
+            if against > kernels.REVERSED:
                 rot[upper] = rot[upper] @ np.diag([-1.0, 1.0, -1.0])
                 q[carrying], q[elbow] = -q[carrying], -q[elbow]
                 # the hand stays as it is
@@ -193,7 +193,7 @@ class BodyFilter:
             filtered = self._next(self._last, seen, information)
             repeats = self._repeats((seen.t_ns - self._last.t_ns) * 1e-9)
             if self.settings.joint_limits and (turned := self._arms.turned(filtered.state, seen, repeats)):
-                # the smoother stops here: before, the arm was the wrong way round
+                # the smoother stops here: before, the arm was reversed
                 filtered = FilteredStep(seen.t_ns, turned, None, None)
         self._last = filtered
         if usable.any():
