@@ -10,6 +10,7 @@ import numpy as np
 from posefuse.core import Detections2D
 from posefuse.core.arrays import SIGMA_PER_MAD, Array
 from posefuse.core.depth import DepthImage
+from posefuse.core.skeleton import SIDES
 
 # keypoints with a lower score do not locate the body
 _LEAST_SCORE = 0.3
@@ -18,7 +19,6 @@ _LEAST_PIXELS = 4
 # along the length of a limb and between the sides of the trunk: clear of the joints, of skin at ankles, and of the outline
 _ALONG = np.linspace(0.2, 0.75, 7)
 _ACROSS = np.linspace(0.25, 0.75, 4)
-_SIDES = ("left", "right")
 # from linear sRGB to CIE XYZ of white point D65 (IEC 61966-2-1), in shares of the white point
 _XYZ_FROM_RGB = np.array([[0.4124, 0.3576, 0.1805], [0.2126, 0.7152, 0.0722], [0.0193, 0.1192, 0.9505]])
 _XYZ_FROM_RGB = _XYZ_FROM_RGB / _XYZ_FROM_RGB.sum(axis=1, keepdims=True)
@@ -95,7 +95,7 @@ def _trunk() -> list[dict[str, float]]:
 
 
 def _limbs(upper: str, lower: str) -> list[dict[str, float]]:
-    return [{f"{side}_{upper}": float(1 - t), f"{side}_{lower}": float(t)} for side in _SIDES for t in _ALONG]
+    return [{f"{side}_{upper}": float(1 - t), f"{side}_{lower}": float(t)} for side in SIDES for t in _ALONG]
 
 
 # half a window is about 2 cm at the person, whose keypoints extend over some 1.6 m

@@ -17,10 +17,11 @@ from scipy.ndimage import convolve1d, maximum_filter1d
 
 from posefuse.core import ConfigError
 from posefuse.core.arrays import Array
+from posefuse.core.skeleton import SIDES
 from posefuse_sim.body import SimulatedBody
 
 from . import feet
-from .posture import SIDES, BodyPosture, bend_leg, lengths_m
+from .posture import BodyPosture, bend_leg, lengths_m
 from .routes import Route, straight_on
 from .standing import easy_arm, hip_offset, leaned, level_axes
 

@@ -14,10 +14,9 @@ from scipy.spatial.transform import Rotation
 from posefuse.core.arrays import Array
 from posefuse_sim.body import SEGMENTS, SimulatedBody, rotation_of
 
-# a limb is never asked to be straighter than this, where its plane is lost
-SIDES = ("left", "right")
 # of a relaxed arm
 EASY_PRONATION_RAD = np.deg2rad(85.0)
+# a limb is never asked to be straighter than this, where its plane is lost
 _STRAIGHTEST = 1 - 1e-6
 
 

@@ -23,6 +23,7 @@ import numpy as np
 from posefuse.core import InputError
 from posefuse.core.arrays import Array
 from posefuse.core.errors import choices
+from posefuse.core.skeleton import SIDES
 from posefuse.formats.bvh import BvhData
 from posefuse.formats.recording import read_recording
 from posefuse.formats.trc import read_trc
@@ -32,7 +33,6 @@ from posefuse_sim.body.anatomy import turn
 from .bvh import read_bvh
 from .posture import (
     EASY_PRONATION_RAD,
-    SIDES,
     Sampled,
     arm_axes,
     frame_along,

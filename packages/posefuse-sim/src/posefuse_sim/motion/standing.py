@@ -9,13 +9,12 @@ import numpy as np
 
 from posefuse.core import ConfigError
 from posefuse.core.arrays import Array
-from posefuse.core.skeleton import ANATOMICAL23
+from posefuse.core.skeleton import ANATOMICAL23, SIDES
 from posefuse_sim.body import SEGMENTS, SimulatedBody, rotation_of
 from posefuse_sim.body.anatomy import turn
 
 from .posture import (
     EASY_PRONATION_RAD,
-    SIDES,
     BodyPosture,
     arm_axes,
     bend_arm,
