@@ -70,7 +70,7 @@ $(READY): pyproject.toml $(wildcard packages/*/pyproject.toml) constraints.txt t
 with-%:
 	@$(MAKE) --no-print-directory setup EXTRAS=$*
 
-# what `track`, `live` and `report` need, and nothing else: no torch, MuJoCo, linters
+# what `track`, `live` and `report` need, and nothing else: no MuJoCo, linters
 setup-core: $(CORE)
 
 $(CORE): pyproject.toml constraints.txt tools/install.sh

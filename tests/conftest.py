@@ -12,8 +12,8 @@ from html.parser import HTMLParser
 from pathlib import Path
 from typing import Any
 
-# before numpy is imported: tests run on all cores at once, and for matrices as small as theirs the threads of OpenBLAS and of
-# torch wait for each other longer than they compute
+# before numpy is imported: tests run on all cores at once, and for matrices as small as theirs the threads of OpenBLAS
+# wait for each other longer than they compute
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 os.environ.setdefault("OMP_NUM_THREADS", "1")
 

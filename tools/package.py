@@ -4,7 +4,7 @@ Builds the source distribution and the wheel of posefuse and of each package bel
 and checks the size of the wheel of posefuse. Installs it into empty environments of each Python that is here, without
 constraints: once with the newest version of every package that there is today, once with the lowest that pyproject.toml allows.
 Runs the commands of a first hour in each; then adds the wheels of the other packages, runs a command of each, and prints two
-tables. Uploads nothing. UV_TORCH_BACKEND=cpu or UV_FIND_LINKS name a PyTorch without CUDA for the simulator.
+tables. Uploads nothing.
 """
 
 from __future__ import annotations

@@ -33,7 +33,7 @@ from tools.page_marks import processor
 
 BEST_NETWORKS, BEST_S = "blazepose_best", 20.0
 DEVICE = "detector.options.device"
-_PACKAGES = ("numpy", "openvino", "mujoco", "anny", "opencv-python-headless")
+_PACKAGES = ("numpy", "openvino", "mujoco", "opencv-python-headless")
 
 
 @dataclass(frozen=True)

@@ -35,7 +35,6 @@ def test_the_fault_is_what_is_refused() -> None:
 
 
 def test_the_motion_bows_and_keeps_its_feet(monkeypatch: pytest.MonkeyPatch) -> None:
-    pytest.importorskip("anny", reason="the extra 'sim' is not installed")
     from posefuse_sim.body import BodyShapeSettings, build_body
     from posefuse_sim.build import build_person
     from posefuse_sim.motion import standing

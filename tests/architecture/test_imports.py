@@ -32,7 +32,7 @@ MEMBERS = {
 LEVEL = {room: level for level, rooms in enumerate(LINES) for room in rooms}
 DATA = ("xarray", "pandas", "matplotlib")
 OPTIONAL = (
-    "torch", "anny", "mujoco", "daqp", "rerun", "opensim", "rosbags", "mcap", "cyclonedds", "rospy", "pylsl", "nicegui", *DATA,
+    "mujoco", "daqp", "rerun", "opensim", "rosbags", "mcap", "cyclonedds", "rospy", "pylsl", "nicegui", *DATA,
 )  # fmt: skip
 SLOW = ("cv2", "numba", "openvino", "scipy", "ezc3d", "jinja2")
 

@@ -27,8 +27,6 @@ class Watch:
         self.home.mkdir()
         shutil.copyfile(network_log.__file__, folder / "sitecustomize.py")
         monkeypatch.setenv("POSEFUSE_CACHE", str(default_cache_dir()))
-        # the simulator's body model, which takes minutes to make
-        monkeypatch.setenv("ANNY_CACHE_DIR", os.environ.get("ANNY_CACHE_DIR", str(Path.home() / ".cache" / "anny")))
         monkeypatch.setenv("POSEFUSE_TEST_NETWORK_LOG", str(self.log))
         monkeypatch.setenv("PYTHONPATH", str(folder), prepend=os.pathsep)
         for name in ("HOME", "USERPROFILE", "APPDATA", "LOCALAPPDATA"):
@@ -99,7 +97,7 @@ def test_batch(watch: Watch, demo_session: Path, tmp_path: Path) -> None:
 
 
 def test_simulate(watch: Watch, demo_session: Path, tmp_path: Path) -> None:
-    pytest.importorskip("anny", reason="the extra sim is not installed")
+    pytest.importorskip("mujoco", reason="the extra sim is not installed")
     scene = (demo_session / "scene.yaml").read_text(encoding="utf-8").replace("duration_s: 10.0", "duration_s: 0.1")
     (tmp_path / "scene.yaml").write_text(scene.replace("- 640", "- 64").replace("- 480", "- 48"), encoding="utf-8")
     watch.posefuse("simulate", str(tmp_path / "scene.yaml"), "--out", str(tmp_path / "made"))

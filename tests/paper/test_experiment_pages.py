@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-pytest.importorskip("anny")
+pytest.importorskip("mujoco")
 
 from paper.__main__ import main
 from paper.experiments import latency, runs, scaling

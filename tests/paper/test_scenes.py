@@ -30,7 +30,6 @@ QUIET = SuitNoise(0, 0, 20, 0, 0, 0, 0)
 
 @pytest.fixture(scope="module")
 def walker() -> Truth:
-    pytest.importorskip("anny")
     return truth_of(path_scene("circle", 20.0))
 
 
@@ -59,7 +58,6 @@ def suit_pelvis(truth: Truth, noise: SuitNoise | None = None, seed: int = 0) -> 
 
 
 def test_screens_hide_the_left_half_from_the_two_cameras_before_it_alone() -> None:
-    pytest.importorskip("anny")
     seen = {}
     for case in HALF_HIDDEN:
         truth = truth_of(half_hidden_scene(case, 2.0))
@@ -121,7 +119,6 @@ def test_drift_is_the_slope_over_the_way() -> None:
 
 
 def test_studies_get_worse_where_they_must() -> None:
-    pytest.importorskip("anny")
     good, outliers = measure(Setup(outlier_share=0.0), 1.0), measure(Setup(outlier_share=0.3), 1.0)
     assert measure(Setup(cameras=12, outlier_share=0.0), 1.0).robust_mm < good.robust_mm < outliers.robust_mm
     assert measure(Setup(rotation_deg=1.0, outlier_share=0.0), 1.0).robust_mm > 1.5 * good.robust_mm

@@ -1,17 +1,14 @@
 """The body model: forward kinematics, anatomy, truth about angles."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
 from posefuse.core import SKELETONS, ConfigError
-from posefuse_sim.body import JOINTS, SEGMENTS, BodyShapeSettings, SimulatedBody, build_body, rotation_of
+from posefuse_sim.body import JOINTS, SEGMENTS, BodyShapeSettings, SimulatedBody, build_body, mesh, rotation_of
 from posefuse_sim.body.anatomy import angles_of, joint_segments
 from posefuse_sim.body.body import GROUPS
 
-pytest.importorskip("anny", reason="the extra 'sim' is not installed")
 KEYPOINTS = SKELETONS["anatomical23"]
 HINGES = {"shoulder": ("spine01", "upperarm01"), "elbow": ("upperarm02", "lowerarm01"), "wrist": ("lowerarm02", "wrist"),
           "hip": ("root", "upperleg01"), "knee": ("upperleg02", "lowerleg01"), "ankle": ("lowerleg02", "foot")}  # fmt: skip
@@ -23,9 +20,9 @@ def body() -> SimulatedBody:
     return build_body(BodyShapeSettings(sex=0.3, age_years=41, height_m=1.71, weight_kg=63, muscle=0.6))
 
 
-def random_turns(body: SimulatedBody, count: int, size_rad: float = 0.6, seed: int = 5) -> dict[str, np.ndarray]:
+def random_turns(body: SimulatedBody, count: int, size_rad: float) -> dict[str, np.ndarray]:
     """World turns of every bone: each turned a little against its parent."""
-    rng = np.random.default_rng(seed)
+    rng = np.random.default_rng(5)
     turns: dict[str, np.ndarray] = {}
     for name, parent in zip(body.bone_names, body.bone_parent, strict=True):
         local = Rotation.from_rotvec(rng.uniform(-size_rad, size_rad, (count, 3)) / np.sqrt(3)).as_matrix()
@@ -33,49 +30,26 @@ def random_turns(body: SimulatedBody, count: int, size_rad: float = 0.6, seed: i
     return turns
 
 
-def anny_out(body: SimulatedBody, pose: np.ndarray, parameterization: str) -> tuple[np.ndarray, np.ndarray]:
-    """Vertices and bone poses of anny itself for our bone poses, in our axes."""
-    import torch
-
-    from posefuse_sim.body import mesh
-
-    model, _ = mesh._model()
-    sliders = mesh._solved_sliders(body.settings)
-    rest = mesh._anny_rest(sliders)["rest_bone_poses"][0].numpy()
-    axes, origin = mesh._OURS_FROM_ANNY, (mesh._OURS_FROM_ANNY @ rest[0, :3, 3]) - body.world_from_bone_rest[0, :3, 3]
-    theirs = pose.copy()
-    theirs[..., :3, 3] += origin
-    theirs[..., :3, :] = axes.T @ theirs[..., :3, :]
-    with torch.no_grad():
-        out = model(pose_parameters=torch.as_tensor(theirs), phenotype_kwargs=sliders, pose_parameterization=parameterization)
-    poses = out["bone_poses"].numpy().copy()
-    poses[..., :3, :] = axes @ poses[..., :3, :]
-    poses[..., :3, 3] -= origin
-    return out["vertices"].numpy() @ axes.T - origin, poses
+# sliders of anny, and what it gives there in our axes: stature in metres, mass in kilograms, places of its own origin
+ANNY = (
+    (
+        {"gender": 0.0, "age": 2 / 3, "muscle": 0.5, "weight": 0.5, "height": 0.5},
+        (1.908700, 83.20386, {"nose": (0.172031, 0, 0.936633), "left_wrist": (0.23231, 0.538728, 0.348986)}),
+    ),
+    (
+        {"gender": 0.7, "age": 0.41, "muscle": 0.9, "weight": 0.2, "height": 0.83},
+        (1.814067, 56.52987, {"nose": (0.159419, 0, 0.844364), "left_wrist": (0.203952, 0.474817, 0.295222)}),
+    ),
+)
 
 
-def test_skin_is_anny_s_own(body: SimulatedBody) -> None:
-    pose = body.pose(random_turns(body, 3), np.array([[0.4, -1.1, 0.8], [0, 0, 1.0], [2, 1, 0.5]]))
-    vertices, _ = anny_out(body, pose, "world")
-    assert np.abs(body.vertices(pose) - vertices).max() < 1e-5
-
-
-def test_kinematics_are_anny_s_own_when_bones_turn_about_their_heads(body: SimulatedBody) -> None:
-    heads = replace(body, bone_centre=body.world_from_bone_rest[:, :3, 3])
-    pose = heads.pose(random_turns(body, 3), np.array([[0.4, -1.1, 0.8], [0, 0, 1.0], [2, 1, 0.5]]))
-    vertices, poses = anny_out(heads, pose, "world-orient")
-    assert np.abs(pose - poses).max() < 1e-5
-    assert np.abs(heads.vertices(pose) - vertices).max() < 1e-5
-
-
-def test_rest_keypoints_are_anny_s_regressor(body: SimulatedBody) -> None:
-    import anny
-
-    from posefuse_sim.body import mesh
-
-    regressor = anny.KeypointsRegressor.coco(mesh._model()[0], labels=list(KEYPOINTS.keypoints))
-    expected = regressor.regression_weights.numpy() @ body.vertices_rest
-    assert np.allclose(body.keypoints(body.world_from_bone_rest[None])[0], expected, atol=1e-6)
+@pytest.mark.parametrize(("sliders", "known"), ANNY)
+def test_the_body_is_the_one_that_was_exported(sliders: dict[str, float], known: tuple[float, float, dict]) -> None:
+    stature_m, mass_kg, places = known
+    ours = mesh._model()
+    assert ours.stature_and_mass(sliders) == (pytest.approx(stature_m, abs=5e-6), pytest.approx(mass_kg, abs=1e-3))
+    points = ours.keypoint_weight @ ours.at(sliders)[0]
+    np.testing.assert_allclose(points[KEYPOINTS.indices(places)], list(places.values()), atol=5e-6)
 
 
 @pytest.mark.parametrize("joint", HINGES)
@@ -89,9 +63,8 @@ def test_joint_centre_is_fixed_in_both_segments(body: SimulatedBody, joint: str,
         turns[f"pelvis.{letter}"] = turns["root"]
     for half in ("upperarm", "lowerarm", "upperleg", "lowerleg"):
         turns[f"{half}02.{letter}"] = turns[f"{half}01.{letter}"]
-    pose = body.pose(turns, np.zeros((6, 3)))
-    point = body.keypoints(pose)[:, KEYPOINTS.index(f"{side}_{joint}")]
-    moved = body.moved_from_rest(pose)
+    moved = body.pose(turns, np.zeros((6, 3)))
+    point = body.keypoints(moved)[:, KEYPOINTS.index(f"{side}_{joint}")]
     for bone in HINGES[joint]:
         name = bone if bone in body.bone_names else f"{bone}.{letter}"
         local = np.einsum(
@@ -104,7 +77,7 @@ def test_body_is_mirror_symmetric(body: SimulatedBody) -> None:
     for name, point in body.points_rest.items():
         other = KEYPOINTS.keypoints[KEYPOINTS.mirror[KEYPOINTS.index(name)]]
         assert np.allclose(point, body.points_rest[other] * FLIP, atol=2e-3), name
-    angles = body.angles(body.world_from_bone_rest[None])[0]
+    angles = body.angles(np.tile(np.eye(4), (1, len(body.bone_names), 1, 1)))[0]
     for joint in JOINTS:
         if joint.startswith("left_"):
             assert np.allclose(angles[JOINTS.index(joint)], angles[JOINTS.index("right_" + joint[5:])], atol=np.deg2rad(0.5))
@@ -149,8 +122,8 @@ def test_truth_gives_back_an_imposed_rotation(body: SimulatedBody, joint: str) -
             line.append(body.bone_names[up])
         if bone in line:
             turns[name] = imposed[None]
-    pose = body.pose(turns, np.array([[0.3, 1.7, 0.9]]))
-    assert np.allclose(body.angles(pose)[0, JOINTS.index(joint)], wanted, atol=1e-9)
+    moved = body.pose(turns, np.array([[0.3, 1.7, 0.9]]))
+    assert np.allclose(body.angles(moved)[0, JOINTS.index(joint)], wanted, atol=1e-9)
 
 
 @pytest.mark.parametrize(

@@ -18,7 +18,6 @@ from posefuse_sim.build import MovingPerson, build_person
 from posefuse_sim.motion import MotionSettings
 from posefuse_sim.motion.bvh import read_bvh
 
-pytest.importorskip("anny", reason="the extra 'sim' is not installed")
 KEYPOINTS = SKELETONS["anatomical23"]
 WORLD_FROM_FILE = np.array([[0.0, 0, 1], [1, 0, 0], [0, 1, 0]])
 # name, parent, offset in centimetres; arms and legs askew in the rest pose
@@ -128,13 +127,13 @@ def test_bvh_start_and_end(tmp_path: Path, body: SimulatedBody, start: float) ->
 
 def test_bvh_feet_stay_above_the_floor(tmp_path: Path, body: SimulatedBody) -> None:
     state = person(body, kind="bvh", file=bvh_file(tmp_path, frames(80, 18.0))).at(np.arange(0, 1.6, 0.05))
-    assert body.vertices(state.world_from_bone)[..., 2].min() > -5e-3
+    assert body.vertices(state.moved)[..., 2].min() > -5e-3
 
 
 def test_cmu_file(shared_data: Path, body: SimulatedBody) -> None:
     file = str(shared_data / "motion" / "cmu" / "01_01.bvh")
     state = person(body, kind="bvh", file=file).at(np.arange(0, 20, 0.2))
-    lowest = body.vertices(state.world_from_bone)[..., 2].min(axis=1)
+    lowest = body.vertices(state.moved)[..., 2].min(axis=1)
     assert lowest.min() > -5e-3
     assert np.median(lowest) < 0.02
     head = state.keypoints_world[:, KEYPOINTS.index("nose"), 2]
@@ -159,7 +158,7 @@ def test_bvh_name_prefixes(tmp_path: Path, body: SimulatedBody, style: str, pref
     renamed = {name: prefix.strip() + name for name, *_ in JOINTS}
     plain = person(body, kind="bvh", file=bvh_file(tmp_path, frames())).at([0.3])
     other = person(body, kind="bvh", file=bvh_file(tmp_path, frames(), renamed)).at([0.3])
-    assert np.array_equal(plain.world_from_bone, other.world_from_bone), style
+    assert np.array_equal(plain.moved, other.moved), style
 
 
 @pytest.fixture(scope="module")
@@ -215,7 +214,7 @@ def test_real_trc(shared_data: Path, body: SimulatedBody) -> None:
     folder = shared_data / "pose2sim_single" / "reference"
     file = next(folder.glob("*butterworth.trc"))
     state = person(body, kind="trc", file=str(file)).at(np.arange(0, 1.6, 0.05))
-    assert body.vertices(state.world_from_bone)[..., 2].min() > -5e-3
+    assert body.vertices(state.moved)[..., 2].min() > -5e-3
     left, right = (state.keypoints_world[:, KEYPOINTS.index(f"{s}_ankle"), 2] for s in ("left", "right"))
     assert np.abs(left - right).max() > 0.25, "he lifts one leg"
 

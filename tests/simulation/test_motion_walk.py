@@ -11,7 +11,6 @@ from posefuse_sim.body import JOINTS, BodyShapeSettings, SimulatedBody, build_bo
 from posefuse_sim.build import PersonState, build_person
 from posefuse_sim.motion import MotionSettings
 
-pytest.importorskip("anny", reason="the extra 'sim' is not installed")
 KEYPOINTS = SKELETONS["anatomical23"]
 HZ = 120.0
 PATHS = {
@@ -93,7 +92,7 @@ def test_there_is_always_a_planted_foot(walked: Walk) -> None:
 
 
 def test_feet_stay_above_the_floor(walked: Walk) -> None:
-    lowest = walked.body.vertices(walked.state.world_from_bone[::67])[..., 2].min(axis=1)
+    lowest = walked.body.vertices(walked.state.moved[::67])[..., 2].min(axis=1)
     assert lowest.min() > -5e-3
     assert lowest.max() < 5e-3
 
@@ -193,7 +192,7 @@ def test_random_way_stays_in_its_area(body: SimulatedBody) -> None:
 
 def test_same_seed_same_bytes(body: SimulatedBody) -> None:
     times = np.array([5.0, -1.0, 0.3])
-    one, same, other = (walk(body, *PATHS["random"], times, seed).state.world_from_bone for seed in (3, 3, 4))
+    one, same, other = (walk(body, *PATHS["random"], times, seed).state.moved for seed in (3, 3, 4))
     assert one.tobytes() == same.tobytes()
     assert np.abs(one - other).max() > 0.01
 
@@ -227,7 +226,7 @@ def test_every_body_walks(settings: BodyShapeSettings) -> None:
     fastest = 0.98 * np.sqrt(0.5 * 9.81 * who.points_rest["left_hip"][2])
     for speed in (0.3, float(min(fastest, 2.2))):
         way = walk(who, {"shape": "line", "start_m": (0, 0), "end_m": (9, 0)}, speed, np.arange(1.0, 4.0, 0.025))
-        lowest = who.vertices(way.state.world_from_bone[::9])[..., 2].min(axis=1)
+        lowest = who.vertices(way.state.moved[::9])[..., 2].min(axis=1)
         assert np.abs(lowest).max() < 5e-3
         for side in ("left", "right"):
             assert way.angle(f"{side}_knee").min() > 1.0

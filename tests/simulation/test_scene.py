@@ -140,7 +140,6 @@ def test_marker_settings_that_cannot_be_are_refused(tmp_path):
 @pytest.mark.gl
 def test_the_bundled_clip_is_the_demo_scene_of_today():
     """When this fails, `make demo-clip` renders it again."""
-    pytest.importorskip("anny", reason="the extra sim (anny) is not installed")
     bundled = _EXAMPLES[0].parents[1] / "demo"
     scene = read_scene(bundled / "scene.yaml")
     assert scene == read_scene(bundled.parent / "scenes" / "demo.yaml")

@@ -128,8 +128,8 @@ class LiveScene:
         return np.round(t_s * 1e9).astype(np.int64)
 
     def bones(self, t_s: Array) -> list[Array]:
-        """For each person the bone poses (T, B, 4, 4) in the world."""
-        return [person.at(self._since_start(t_s)).world_from_bone for person in self.people]
+        """For each person how each bone moved from rest (T, B, 4, 4), in world axes."""
+        return [person.at(self._since_start(t_s)).moved for person in self.people]
 
     def keypoints(self, t_s: Array) -> Array:
         """(T, N, K, 3) anatomical keypoints of all people in world metres."""
@@ -145,9 +145,9 @@ class LiveScene:
         if not isinstance(prop.path, CarriedPath):
             return poses_on_path(prop.path, since_start, self.scene.seed * 1000 + i)
         person = self.people[prop.path.person]
-        hand, bone_from_prop = _grip(person.body, prop.path)
-        bone = person.at(since_start).world_from_bone[:, hand]
-        return SE3.from_matrix(bone[:, :3, :3], bone[:, :3, 3]) @ bone_from_prop
+        hand, prop_rest = _grip(person.body, prop.path)
+        moved = person.at(since_start).moved[:, hand]
+        return SE3.from_matrix(moved[:, :3, :3], moved[:, :3, 3]) @ prop_rest
 
     def _since_start(self, t_s: Array) -> Array:
         return np.asarray(t_s, np.float64) - self.scene.start_s
@@ -226,15 +226,12 @@ def _check_not_in_a_person(camera: str, centre: Array, keypoints: Array, t_s: Ar
 
 
 def _grip(body: SimulatedBody, path: CarriedPath) -> tuple[int, SE3]:
-    """The bone that ends the forearm, and where on it the prop sits: beyond the wrist, upright at rest."""
-    rest = body.keypoints(body.world_from_bone_rest[None])[0]
-    elbow, wrist = (rest[ANATOMICAL23.index(f"{path.side}_{joint}")] for joint in ("elbow", "wrist"))
+    """The bone that ends the forearm, and where the prop is at rest: beyond the wrist, upright."""
+    elbow, wrist = (body.points_rest[f"{path.side}_{joint}"] for joint in ("elbow", "wrist"))
     along = (wrist - elbow) / np.linalg.norm(wrist - elbow)
     place = wrist + _BEYOND_WRIST_M * along
-    hand = int(np.argmin(np.linalg.norm(body.world_from_bone_rest[:, :3, 3] - (wrist + 0.03 * along), axis=-1)))
-    bone = body.world_from_bone_rest[hand]
-    bone_from_world = SE3.from_matrix(bone[:3, :3], bone[:3, 3]).inverse()
-    return hand, bone_from_world @ SE3(np.array([1.0, 0, 0, 0]), place)
+    hand = int(np.argmin(np.linalg.norm(body.bone_head_rest - (wrist + 0.03 * along), axis=-1)))
+    return hand, SE3(np.array([1.0, 0, 0, 0]), place)
 
 
 def _point(values: Array) -> str:
@@ -249,26 +246,26 @@ class PersonState:
     """A person at T times; what follows from the bones is computed when it is first asked for.
 
     Attributes:
-        world_from_bone: (T, B, 4, 4).
+        moved: (T, B, 4, 4) the rigid motion of each bone from rest.
     """
 
     body: SimulatedBody
-    world_from_bone: Array
+    moved: Array
 
     @cached_property
     def keypoints_world(self) -> Array:
         """(T, 23, 3) of `ANATOMICAL23`."""
-        return self.body.keypoints(self.world_from_bone)
+        return self.body.keypoints(self.moved)
 
     @cached_property
     def world_from_segment(self) -> SE3:
         """Batch (T, S) of `simulation.body.SEGMENTS`."""
-        return self.body.segments(self.world_from_bone)
+        return self.body.segments(self.moved)
 
     @cached_property
     def angle_rad(self) -> Array:
         """(T, J, 3) of `simulation.body.JOINTS`."""
-        return self.body.angles(self.world_from_bone)
+        return self.body.angles(self.moved)
 
 
 @dataclass(frozen=True, eq=False)

@@ -166,7 +166,7 @@ def rest_keypoints(mesh: RestMesh) -> dict[str, Array]:
 
 def turning_centres(mesh: RestMesh) -> Array:
     """(B, 3) rest point each bone turns about: the joint centre where there is one, else the rig's bone head."""
-    centre = mesh.world_from_bone_rest[:, :3, 3].copy()
+    centre = mesh.bone_head_rest.copy()
     points = rest_keypoints(mesh)
     index = mesh.bone_names.index
     for side, letter in SIDES.items():
@@ -215,7 +215,7 @@ def rest_segment_frames(mesh: RestMesh) -> tuple[Array, Array]:
 
 def _limb_frames(mesh: RestMesh, points: dict[str, Array], side: str) -> dict[str, tuple[Array, Array]]:
     at = {name.removeprefix(f"{side}_"): point for name, point in points.items()}
-    heads = {b: mesh.world_from_bone_rest[mesh.bone_names.index(f"{b}.{SIDES[side]}"), :3, 3] for b in ("finger2-1", "finger5-1")}
+    heads = {b: mesh.bone_head_rest[mesh.bone_names.index(f"{b}.{SIDES[side]}")] for b in ("finger2-1", "finger5-1")}
     thumb_side = heads["finger2-1"] - heads["finger5-1"]
     radial = thumb_side if side == "right" else -thumb_side
     knuckles = (heads["finger2-1"] + heads["finger5-1"]) / 2

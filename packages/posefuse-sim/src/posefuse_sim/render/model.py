@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from posefuse.core.arrays import Array
-from posefuse.core.se3 import quaternion_product, wxyz_from_matrix, wxyz_from_rotvec
+from posefuse.core.se3 import quaternion_product, wxyz_from_rotvec
 from posefuse_sim.body import SimulatedBody
 from posefuse_sim.body.body import GROUPS
 from posefuse_sim.build import LiveScene
@@ -113,7 +113,6 @@ class _Builder:
         vertices, index, weight = body.vertices_rest[used], body.bone_index[used], body.bone_weight[used]
         held = [np.nonzero((index == bone) & (weight > _LEAST_WEIGHT)) for bone in range(len(body.bone_names))]
         bones = [bone for bone, (rows, _) in enumerate(held) if len(rows)]
-        rest = body.world_from_bone_rest[bones]
         # around the vertical and along it, without a seam
         cloth = np.stack([vertices[:, 0] + vertices[:, 1], vertices[:, 2]], axis=-1) * _CLOTH_PER_M
         self.spec.add_skin(
@@ -124,8 +123,9 @@ class _Builder:
             texcoord=cloth.ravel(),
             face=local.ravel(),
             bodyname=[f"{person}b{bone}" for bone in bones],
-            bindpos=rest[:, :3, 3].ravel(),
-            bindquat=wxyz_from_matrix(rest[:, :3, :3]).ravel(),
+            # a bone is moved from rest, where its axes are the world's
+            bindpos=np.zeros(3 * len(bones)),
+            bindquat=np.tile([1.0, 0, 0, 0], len(bones)),
             vertid=[held[bone][0].tolist() for bone in bones],
             vertweight=[weight[held[bone]].tolist() for bone in bones],
         )
