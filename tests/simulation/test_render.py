@@ -1,6 +1,7 @@
 """One frame: shutter, exposure, noise, and the backends."""
 
 import dataclasses
+import os
 import subprocess
 import sys
 
@@ -153,6 +154,16 @@ def test_without_opengl_or_the_extra_the_error_names_what_is_missing(monkeypatch
             backends.working_backend()
     finally:
         backends._first_working.cache_clear()
+
+
+def test_the_reason_is_what_the_process_met_and_no_advice_of_its_own(monkeypatch, tmp_path):
+    (tmp_path / "mujoco.py").write_text("raise ModuleNotFoundError(\"No module named 'mujoco'\")", encoding="utf-8")
+    monkeypatch.setenv("PYTHONPATH", str(tmp_path), prepend=os.pathsep)
+    backends._tried.cache_clear()
+    try:
+        assert backends._why_not("egl") == "ModuleNotFoundError: No module named 'mujoco'"
+    finally:
+        backends._tried.cache_clear()
 
 
 @pytest.mark.gl

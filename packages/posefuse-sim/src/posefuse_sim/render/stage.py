@@ -201,7 +201,8 @@ def _tried(backend: str) -> subprocess.CompletedProcess[str] | None:
 
 def _draw_once(backend: str) -> None:
     """Draw, say so, and print the largest side of an image: that last only where the driver reports it."""
-    mujoco = mujoco_with(backend)
+    with gl_environment(backend):
+        mujoco = importlib.import_module("mujoco")
     context = gl_context(backend, 16, 16)
     model = mujoco.MjModel.from_xml_string("<mujoco><worldbody><geom size='1'/></worldbody></mujoco>")
     drawing = mujoco.MjrContext(model, mujoco.mjtFontScale.mjFONTSCALE_100.value)
