@@ -17,6 +17,7 @@ from .arrays import Array, check_fields, freeze_fields, taken
 from .depth import DepthImage
 from .encoded import EncodedFrame
 from .errors import ShapeError
+from .pixels import Pixels
 from .skeleton import Skeleton
 
 # in place of the number of a detection: the camera does not see the person
@@ -73,6 +74,24 @@ def keypoint_boxes(xy_img: Array, score: Array) -> Array:
     return np.where(np.isfinite(box), box, np.nan)
 
 
+class _Image:
+    """The field `Frame.image`: set to an image or to `Pixels`, it gives the image, converted when it is first asked for."""
+
+    def __get__(self, frame: Frame | None, owner: type[Frame]) -> Array:
+        if frame is None:
+            # a field without a default
+            raise AttributeError
+        return frame.pixels.rgb()
+
+    def __set__(self, frame: Frame, image: Array | Pixels) -> None:
+        if not isinstance(image, Pixels):
+            if not isinstance(image, np.ndarray) or image.shape[2:] != (3,) or image.dtype != np.uint8:
+                got = f"{image.dtype} {image.shape}" if isinstance(image, np.ndarray) else type(image).__name__
+                raise ShapeError(f"Frame of {frame.camera}: expected an RGB uint8 image (H, W, 3), got {got}")
+            image = Pixels(image)
+        vars(frame)["image"] = image
+
+
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Frame:
     """One image of one camera.
@@ -82,7 +101,7 @@ class Frame:
         seq: counts what the camera delivered, gaps included.
         t_ns: mid-exposure on the session clock.
         received_ns: when it reached this process, same clock.
-        image: (H, W, 3) uint8 RGB; not copied, so do not write to it.
+        image: (H, W, 3) uint8 RGB; not copied, so do not write to it. Given as `Pixels`, it is converted when it is first read.
         encoded: as the camera delivered it, where that is asked for and it encodes itself.
         depth: of every pixel of the image; None from a camera without depth.
     """
@@ -91,24 +110,31 @@ class Frame:
     seq: int
     t_ns: int
     received_ns: int
-    image: Array
+    image: _Image = _Image()
     encoded: EncodedFrame | None = None
     depth: DepthImage | None = None
 
     def __post_init__(self) -> None:
-        image = self.image
-        if not isinstance(image, np.ndarray) or image.ndim != 3 or image.shape[2] != 3 or image.dtype != np.uint8:
-            got = f"{image.dtype} {image.shape}" if isinstance(image, np.ndarray) else type(image).__name__
-            raise ShapeError(f"Frame of {self.camera}: expected an RGB uint8 image (H, W, 3), got {got}")
-        if self.depth is not None and self.depth.values.shape != image.shape[:2]:
+        size_hw = self.size_wh[::-1]
+        if self.depth is not None and self.depth.values.shape != size_hw:
             raise ShapeError(
-                f"Frame of {self.camera}: expected depth of the image's size {image.shape[:2]}, got {self.depth.values.shape}"
+                f"Frame of {self.camera}: expected depth of the image's size {size_hw}, got {self.depth.values.shape}"
             )
+
+    @property
+    def pixels(self) -> Pixels:
+        """What `image` is converted from. `dataclasses.replace` converts it, unless it is passed ``image=frame.pixels``."""
+        pixels: Pixels = vars(self)["image"]
+        return pixels
 
     @property
     def size_wh(self) -> tuple[int, int]:
         """(width, height) in px."""
-        return self.image.shape[1], self.image.shape[0]
+        return self.pixels.size_wh
+
+    def converted(self) -> Frame:
+        """With its image as RGB, and without what that is made from."""
+        return replace(self, image=self.image)
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
