@@ -11,8 +11,8 @@ from small_session import COUNT, PERIOD_NS, SIZE_WH, grey, walk
 import posefuse as pf
 from posefuse.api.playback import Playback, session_with_videos
 from posefuse.api.recording import recording_of
+from posefuse.core.frames import Pixels
 from posefuse.core.observations import observations_from_frames
-from posefuse.core.pixels import Pixels
 from posefuse.formats.rig import write_rig
 from posefuse.outputs.overview import best_time_step
 from posefuse.pipeline.writing import nearby_session, session_of_recording

@@ -19,7 +19,7 @@ from posefuse.calibration.report import CalibrationReport, Check, RefusedCalibra
 from posefuse.calibration.targets.kinds import Charuco, Markers
 from posefuse.calibration.targets.recordings import paths_by_camera
 from posefuse.core import SE3, CalibrationError, ConfigError, InputError
-from posefuse.core.pixels import Pixels
+from posefuse.core.frames import Pixels
 from posefuse.formats.kept_video import KeptVideo
 from posefuse.formats.rig import read_rig
 from posefuse.foundation.summary import Table, column_texts

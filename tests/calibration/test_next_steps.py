@@ -20,7 +20,7 @@ from posefuse.cli.asked import Asked, next_after
 from posefuse.cli.command_line import parse
 from posefuse.cli.terminal import Terminal
 from posefuse.core import InputError, Rig
-from posefuse.core.pixels import Pixels
+from posefuse.core.frames import Pixels
 from posefuse.formats.kept_video import KeptVideo
 from posefuse.formats.rig import write_rig
 

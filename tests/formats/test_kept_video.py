@@ -15,8 +15,7 @@ from checks import refusal
 from videos import write_video
 
 from posefuse.core import Frame, InputError, SourceError
-from posefuse.core.encoded import EncodedFrame
-from posefuse.core.pixels import Pixels
+from posefuse.core.frames import EncodedFrame, Pixels
 from posefuse.formats.kept_video import COPIED, ENCODED, KeptVideo
 from posefuse.sources.arriving import decoded_with_packets
 from posefuse.sources.live.stream import StreamConfig

@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 
 from posefuse.core import Frame
 from posefuse.core.depth import DepthImage
-from posefuse.core.pixels import Pixels
+from posefuse.core.frames import Pixels
 from posefuse.formats.pixels import DecodedPixels, PixelConverter
 from posefuse.sources import FramesAhead, VideoConfig
 from posefuse.sources.live import PacedVideoConfig

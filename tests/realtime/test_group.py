@@ -19,7 +19,7 @@ from memory_source import Clip
 from no_outputs import NoOutputs
 
 from posefuse.core import Detections2D, Frame, Rig
-from posefuse.core.pixels import Pixels
+from posefuse.core.frames import Pixels
 from posefuse.core.skeleton import PAPER14
 from posefuse.detection.build import DetectorChoice
 from posefuse.foundation.channel import Channel

@@ -28,7 +28,7 @@ from posefuse.cli.command_line import parse
 from posefuse.cli.main import main
 from posefuse.cli.terminal import Terminal
 from posefuse.core import Frame, InputError, SourceError
-from posefuse.core.pixels import Pixels
+from posefuse.core.frames import Pixels
 from posefuse.formats.kept_video import KeptVideo
 from posefuse.foundation.output_folder import MARK_FILE
 from posefuse.pipeline.config import TrackConfig

@@ -14,10 +14,7 @@ import numpy as np
 from numpy.typing import DTypeLike
 
 from .arrays import Array, check_fields, freeze_fields, taken
-from .depth import DepthImage
-from .encoded import EncodedFrame
 from .errors import ShapeError
-from .pixels import Pixels
 from .skeleton import Skeleton
 
 # in place of the number of a detection: the camera does not see the person
@@ -72,69 +69,6 @@ def keypoint_boxes(xy_img: Array, score: Array) -> Array:
     low, high = np.where(seen, xy_img, np.inf).min(axis=1), np.where(seen, xy_img, -np.inf).max(axis=1)
     box = np.concatenate([low, high], axis=-1)
     return np.where(np.isfinite(box), box, np.nan)
-
-
-class _Image:
-    """The field `Frame.image`: set to an image or to `Pixels`, it gives the image, converted when it is first asked for."""
-
-    def __get__(self, frame: Frame | None, owner: type[Frame]) -> Array:
-        if frame is None:
-            # a field without a default
-            raise AttributeError
-        return frame.pixels.rgb()
-
-    def __set__(self, frame: Frame, image: Array | Pixels) -> None:
-        if not isinstance(image, Pixels):
-            if not isinstance(image, np.ndarray) or image.shape[2:] != (3,) or image.dtype != np.uint8:
-                got = f"{image.dtype} {image.shape}" if isinstance(image, np.ndarray) else type(image).__name__
-                raise ShapeError(f"Frame of {frame.camera}: expected an RGB uint8 image (H, W, 3), got {got}")
-            image = Pixels(image)
-        vars(frame)["image"] = image
-
-
-@dataclass(frozen=True, eq=False, kw_only=True)
-class Frame:
-    """One image of one camera.
-
-    Attributes:
-        camera: its name.
-        seq: counts what the camera delivered, gaps included.
-        t_ns: mid-exposure on the session clock.
-        received_ns: when it reached this process, same clock.
-        image: (H, W, 3) uint8 RGB; not copied, so do not write to it. Given as `Pixels`, it is converted when it is first read.
-        encoded: as the camera delivered it, where that is asked for and it encodes itself.
-        depth: of every pixel of the image; None from a camera without depth.
-    """
-
-    camera: str
-    seq: int
-    t_ns: int
-    received_ns: int
-    image: _Image = _Image()
-    encoded: EncodedFrame | None = None
-    depth: DepthImage | None = None
-
-    def __post_init__(self) -> None:
-        size_hw = self.size_wh[::-1]
-        if self.depth is not None and self.depth.values.shape != size_hw:
-            raise ShapeError(
-                f"Frame of {self.camera}: expected depth of the image's size {size_hw}, got {self.depth.values.shape}"
-            )
-
-    @property
-    def pixels(self) -> Pixels:
-        """What `image` is converted from. `dataclasses.replace` converts it, unless it is passed ``image=frame.pixels``."""
-        pixels: Pixels = vars(self)["image"]
-        return pixels
-
-    @property
-    def size_wh(self) -> tuple[int, int]:
-        """(width, height) in px."""
-        return self.pixels.size_wh
-
-    def converted(self) -> Frame:
-        """With its image as RGB, and without what that is made from."""
-        return replace(self, image=self.image)
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

@@ -14,8 +14,7 @@ import av
 import numpy as np
 
 from posefuse.core import Closing, InputError
-from posefuse.core.encoded import EncodedFrame, Packet
-from posefuse.core.pixels import Pixels
+from posefuse.core.frames import EncodedFrame, Packet, Pixels
 
 from .video import TIME_BASE, h264_stream, open_mp4, reason
 

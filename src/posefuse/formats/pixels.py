@@ -14,7 +14,7 @@ from av.video.frame import VideoFrame
 from av.video.reformatter import VideoReformatter
 
 from posefuse.core.arrays import Array
-from posefuse.core.pixels import Pixels
+from posefuse.core.frames import Pixels
 
 # planes of brightness and two colour differences; those with a J are of full range
 _PLANAR = ("yuv420p", "yuv422p", "yuv444p", "yuvj420p", "yuvj422p", "yuvj444p")

@@ -11,8 +11,7 @@ from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 
 from posefuse.core import InputError, PosefuseError, SourceError
-from posefuse.core.encoded import EncodedFrame
-from posefuse.core.pixels import Pixels
+from posefuse.core.frames import EncodedFrame, Pixels
 from posefuse.formats.kept_video import KeptVideo
 from posefuse.foundation.output_file import write_text
 from posefuse.foundation.parsing import parse_json, read_text

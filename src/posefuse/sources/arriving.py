@@ -11,7 +11,7 @@ from typing import Any
 import av
 
 from posefuse.core import Frame
-from posefuse.core.encoded import EncodedFrame, Packet
+from posefuse.core.frames import EncodedFrame, Packet
 
 # codecs whose packets are written to an .mp4 unchanged
 _COPIED_CODECS = ("h264", "hevc", "mjpeg", "av1")

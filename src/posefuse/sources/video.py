@@ -19,7 +19,7 @@ from av.video.stream import VideoStream
 
 from posefuse.core import Frame, SourceError
 from posefuse.core.arrays import Array
-from posefuse.core.encoded import EncodedFrame
+from posefuse.core.frames import EncodedFrame
 from posefuse.formats.pixels import DecodedPixels, PixelConverter
 
 from .arriving import PendingPackets

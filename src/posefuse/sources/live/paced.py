@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from posefuse.core import Frame
-from posefuse.core.encoded import EncodedFrame
+from posefuse.core.frames import EncodedFrame
 from posefuse.sources.arriving import with_earlier
 from posefuse.sources.video import VideoConfig, VideoSource
 
