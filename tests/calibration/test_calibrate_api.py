@@ -13,10 +13,10 @@ from posefuse.api.targets import print_target
 from posefuse.api.values import rig_of
 from posefuse.calibration.clocks.sync import ClockEstimate
 from posefuse.calibration.extrinsics import target as moving_target
-from posefuse.calibration.extrinsics.own_intrinsics import in_a_plane, starting_cameras
+from posefuse.calibration.extrinsics.own_intrinsics import starting_cameras
 from posefuse.calibration.extrinsics.world import FloorMarker
 from posefuse.calibration.report import CalibrationReport, Check, RefusedCalibration
-from posefuse.calibration.targets.kinds import Charuco, Markers
+from posefuse.calibration.targets.kinds import Charuco, Markers, in_a_plane
 from posefuse.calibration.targets.recordings import paths_by_camera
 from posefuse.core import SE3, CalibrationError, ConfigError, InputError
 from posefuse.core.frames import Pixels
