@@ -22,9 +22,7 @@ import cv2
 import numpy as np
 
 from posefuse.core import SE3, Camera, Frame, SourceError
-from posefuse.formats.pixels import RgbPixels
 from posefuse.realtime.capture import LOOP_PAUSE_S, LiveInput
-from posefuse.sources.arriving import Arrived, arriving
 
 FAULTS = ("freeze", "jump", "skew", "bump", "flood", "hang", "unplug")
 # about the vertical, to the right, and about the optical axis: as a camera is turned that a person brushes past
@@ -66,12 +64,6 @@ class FaultySource:
         self._map: Any = None
 
     def frames(self) -> Iterator[Frame]:
-        return (one.frame() for one in self.arriving())
-
-    def close(self) -> None:
-        self._source.close()
-
-    def arriving(self) -> Iterator[Arrived]:
         begun_s = (self._config.zero_ns or time.monotonic_ns()) / 1e9
         last = None
         for frame in self._looped():
@@ -85,31 +77,34 @@ class FaultySource:
                 last = self._turned(frame) if "bump" in active else frame
             off_ns = sum(_OFF_NS.get(kind, 0) for kind in active)
             for copy in range(_COPIES if "flood" in active else 1):
-                yield replace(frame, pixels=last.pixels, t_ns=frame.t_ns + off_ns + copy)
+                yield replace(frame, image=last.pixels, t_ns=frame.t_ns + off_ns + copy)
 
-    def _looped(self) -> Iterator[Arrived]:
+    def close(self) -> None:
+        self._source.close()
+
+    def _looped(self) -> Iterator[Frame]:
         entry, zero_ns = self._config.entry, self._config.zero_ns
         if not entry.loop_s or zero_ns is None:
-            yield from arriving(self._source)
+            yield from self._source.frames()
             return
         period_ns = round((entry.loop_s + LOOP_PAUSE_S) * 1e9)
         turn = max(0, (time.monotonic_ns() - zero_ns) // period_ns)
         while True:
             self._source = entry.open(None, zero_ns + turn * period_ns)
-            for frame in arriving(self._source):
+            for frame in self._source.frames():
                 if frame.t_ns < round(entry.loop_s * 1e9):
                     later_ns = turn * period_ns
-                    yield replace(frame, t_ns=frame.t_ns + later_ns, received_ns=frame.received_ns + later_ns)
+                    yield replace(frame, image=frame.pixels, t_ns=frame.t_ns + later_ns, received_ns=frame.received_ns + later_ns)
             turn += 1
 
-    def _turned(self, frame: Arrived) -> Arrived:
+    def _turned(self, frame: Frame) -> Frame:
         """The image of the camera after it was turned."""
         camera = self._config.camera
         if self._map is None:
             turned = replace(camera, cam_from_world=SE3.from_rotvec(_BUMP_RAD, np.zeros(3)) @ camera.cam_from_world)
             grid = np.stack(np.meshgrid(*map(np.arange, self.size_wh)), axis=-1).astype(float)
             self._map = camera.project(camera.centre_world + _FAR_M * turned.rays_world(grid)).astype(np.float32)
-        return replace(frame, pixels=RgbPixels(cv2.remap(frame.pixels.rgb(), self._map, None, cv2.INTER_LINEAR)))
+        return replace(frame, image=cv2.remap(frame.image, self._map, None, cv2.INTER_LINEAR))
 
 
 def faults_from_arguments(arguments: list[str]) -> dict[str, tuple[Fault, ...]]:

@@ -25,7 +25,7 @@ from posefuse.formats import read_rig, read_video
 from posefuse.formats.page import Block, Facts, Heading, Line, Page, Plot, Plots, Spikes, Table
 from posefuse.foundation import usable_cores
 from posefuse.outputs.live import JsonConfig
-from posefuse.realtime import LiveConfig, OutputPlan, SessionClock, ViewTimes, inputs_from_arguments, run_live
+from posefuse.realtime import LiveConfig, LivePlan, ViewTimes, inputs_from_arguments, run_live
 from posefuse_sim import Scene, SessionPaths
 from tools.page_marks import processor
 
@@ -167,10 +167,11 @@ def live_times(folder: Path, context: Context, duration_s: float, loop_s: float 
     rig, config = read_rig(folder / "rig.toml"), context.config
     settings = LiveConfig(detector=config.detector, associate=config.associate, fuse=config.fuse)
     with Listener() as listener:
-        plan = OutputPlan(rig=rig, clock=SessionClock.begin(), configs={"json": JsonConfig(to=(listener.address,))})
         inputs = tuple(replace(entry, loop_s=loop_s) for entry in inputs_from_arguments([f"sim:{folder}"], rig))
-        done = run_live(rig, inputs, settings, plan, duration_s, context.console.note)
-    offset_ns = plan.clock.offset_ns
+        outputs = {"json": JsonConfig(to=(listener.address,))}
+        plan = LivePlan(rig=rig, inputs=inputs, config=settings, outputs=outputs, duration_s=duration_s)
+        done = run_live(plan, context.console.note)
+    offset_ns = done.fusion.clock.offset_ns
     arrivals = {t_ns: came_ns + offset_ns for t_ns, came_ns in listener.arrivals_ns().items()}
     ways = list(done.fusion.latencies.newest)
     camera, passed_s = passages(ways, arrivals, rig.names, done.zero_ns)

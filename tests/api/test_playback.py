@@ -11,8 +11,8 @@ from small_session import COUNT, PERIOD_NS, SIZE_WH, grey, walk
 import posefuse as pf
 from posefuse.api.playback import Playback, session_with_videos
 from posefuse.api.recording import recording_of
+from posefuse.core.frames import Pixels
 from posefuse.core.observations import observations_from_frames
-from posefuse.formats.pixels import RgbPixels
 from posefuse.formats.rig import write_rig
 from posefuse.outputs.overview import best_time_step
 from posefuse.pipeline.writing import nearby_session, session_of_recording
@@ -79,7 +79,7 @@ def live_walk(folder: Path, ring_rig, *, zero_ns: int, finished: bool = True) ->
         for i in range(COUNT):
             image = np.full((SIZE_WH[1], SIZE_WH[0], 3), grey(c, i), np.uint8)
             t_ns = 5_000_000_000 + i * PERIOD_NS
-            keeper.offer(RgbPixels(image), t_ns)
+            keeper.offer(Pixels(image), t_ns)
         keeper.finish()
         wait_for_videos([keeper])
         if not finished:

@@ -13,14 +13,14 @@ from posefuse.api.targets import print_target
 from posefuse.api.values import rig_of
 from posefuse.calibration.clocks.sync import ClockEstimate
 from posefuse.calibration.extrinsics import target as moving_target
-from posefuse.calibration.extrinsics.own_intrinsics import in_a_plane, starting_cameras
+from posefuse.calibration.extrinsics.own_intrinsics import starting_cameras
 from posefuse.calibration.extrinsics.world import FloorMarker
 from posefuse.calibration.report import CalibrationReport, Check, RefusedCalibration
-from posefuse.calibration.targets.kinds import Charuco, Markers
+from posefuse.calibration.targets.kinds import Charuco, Markers, in_a_plane
 from posefuse.calibration.targets.recordings import paths_by_camera
 from posefuse.core import SE3, CalibrationError, ConfigError, InputError
+from posefuse.core.frames import Pixels
 from posefuse.formats.kept_video import KeptVideo
-from posefuse.formats.pixels import RgbPixels
 from posefuse.formats.rig import read_rig
 from posefuse.foundation.summary import Table, column_texts
 
@@ -109,7 +109,7 @@ def test_a_camera_that_sees_the_marker_on_the_floor_alone_is_named(lab: Any, tmp
     seen, floor = lab.watch(motion=replace(lab.motion, seconds=4.0)), FloorMarker(43)
     with KeptVideo(tmp_path / "cam00.mp4") as video:
         for i in range(3):
-            video.write(RgbPixels(np.full((480, 640, 3), 128, np.uint8)), i * 50_000_000)
+            video.write(Pixels(np.full((480, 640, 3), 128, np.uint8)), i * 50_000_000)
     patch = np.where(seen.camera == 0, floor.id, seen.patch)
     alone = replace(seen, patch=patch, recordings=(("cam00", tmp_path / "cam00.mp4"),))
     with pytest.raises(CalibrationError, match="camera cam00: the target is in none of"):

@@ -20,8 +20,8 @@ from posefuse.cli.asked import Asked, next_after
 from posefuse.cli.command_line import parse
 from posefuse.cli.terminal import Terminal
 from posefuse.core import InputError, Rig
+from posefuse.core.frames import Pixels
 from posefuse.formats.kept_video import KeptVideo
-from posefuse.formats.pixels import RgbPixels
 from posefuse.formats.rig import write_rig
 
 STEPS = {
@@ -97,7 +97,7 @@ def room(tmp_path: Path, ring_rig: Any, monkeypatch: pytest.MonkeyPatch) -> Room
     for name in "ab":
         with KeptVideo(tmp_path / "videos" / f"{name}.mp4") as video:
             for i in range(12):
-                video.write(RgbPixels(np.roll(marker_page(), 2 * i, axis=1)), i * 50_000_000)
+                video.write(Pixels(np.roll(marker_page(), 2 * i, axis=1)), i * 50_000_000)
     rig = Rig(tuple(replace(camera, name=name) for camera, name in zip(ring_rig(2), "ab", strict=True)))
     write_rig(tmp_path / "rig.toml", rig)
     write_rig(tmp_path / "lenses.toml", rig)

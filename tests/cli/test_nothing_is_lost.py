@@ -19,11 +19,11 @@ from commands import DEMO, as_options, error, oracle, tracked
 from hypothesis import HealthCheck, example, given, settings
 from hypothesis import strategies as st
 
-from posefuse.api.calibration_results import save_clocks
-from posefuse.calibration import result_files
+from posefuse.api.calibration_results import save_clocks, write_rig_file
 from posefuse.calibration.clocks.sync import ClockEstimate
 from posefuse.calibration.report import CalibrationReport
 from posefuse.calibration.targets.corners import CornerObservations
+from posefuse.calibration.targets.coverage import write_coverage
 from posefuse.cli.asked import check_files
 from posefuse.cli.calibrate import RigOptions
 from posefuse.cli.main import main
@@ -197,8 +197,8 @@ def calibrated(results: Path, out: Path, force: bool) -> None:
         raise InputError(str(error)) from None
     check_files(RigOptions(out=path, report=report, force=force))
     check_output_file(coverage, option="--out", replace=force)
-    result_files.write_coverage(coverage, seen)
-    result_files.write_rig_file(path, rig)
+    write_coverage(coverage, seen)
+    write_rig_file(path, rig)
     CalibrationReport("rig", ()).save(report, rig=rig)
     save_clocks(out / CONFIG_FILE, rig.names, ClockEstimate.known(0.1 * np.arange(len(rig)), 0.0))
 

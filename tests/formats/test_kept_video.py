@@ -15,9 +15,8 @@ from checks import refusal
 from videos import write_video
 
 from posefuse.core import Frame, InputError, SourceError
-from posefuse.core.encoded import EncodedFrame
+from posefuse.core.frames import EncodedFrame, Pixels
 from posefuse.formats.kept_video import COPIED, ENCODED, KeptVideo
-from posefuse.formats.pixels import Pixels, RgbPixels
 from posefuse.sources.arriving import decoded_with_packets
 from posefuse.sources.live.stream import StreamConfig
 from posefuse.sources.video import VideoConfig
@@ -35,7 +34,7 @@ def frames(demo: Path, encoded: bool) -> Iterator[Frame]:
 
 def kept(frame: Frame) -> Pixels | EncodedFrame:
     """What is given to a video."""
-    return frame.encoded or RgbPixels(frame.image)
+    return frame.encoded or frame.pixels
 
 
 def write_all(video: KeptVideo, made: Iterable[Frame]) -> int:
@@ -119,7 +118,8 @@ def test_frames_from_a_time_on_are_those_of_the_whole_and_little_before_is_decod
         for one, other in zip(found, expected, strict=True):
             np.testing.assert_array_equal(one.image, other.image)
     if "a long GOP" not in name and "as it is" not in name and name not in ("VP8", "MPEG-4 with B-frames"):
-        assert next(iter(source.arriving(whole[-1].t_ns))).seq >= COUNT - 2 * 12, "the last key frame or the one before"
+        first = next(source._frames(source._entry(whole[-1].t_ns)))
+        assert first.seq >= COUNT - 2 * 12, "the last key frame or the one before"
 
 
 def test_intra_refresh_marks_frames_that_do_not_show_all_and_is_decoded_from_the_start(tmp_path: Path) -> None:
@@ -223,7 +223,7 @@ def test_no_video_is_written_over_and_what_does_not_fit_is_named(demo_session: P
     with KeptVideo(tmp_path / "a.mp4") as video:
         assert not video.write(kept(first), 5_000_000)
         assert "not later" in video.write(kept(second), 5_000_000)
-        assert "another size or encoding" in video.write(RgbPixels(np.zeros((4, 4, 3), np.uint8)), 6_000_000)
+        assert "another size or encoding" in video.write(Pixels(np.zeros((4, 4, 3), np.uint8)), 6_000_000)
     refusal(InputError, "no video is written over", KeptVideo, tmp_path / "a.mp4")
     refusal(InputError, "cannot be written", KeptVideo, tmp_path / "missing" / "a.mp4")
 

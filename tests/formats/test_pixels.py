@@ -15,9 +15,9 @@ from hypothesis import strategies as st
 
 from posefuse.core import Frame
 from posefuse.core.depth import DepthImage
+from posefuse.core.frames import Pixels
 from posefuse.formats.pixels import DecodedPixels, PixelConverter
-from posefuse.sources import VideoConfig
-from posefuse.sources.arriving import Arrived, UnconvertedSource, arriving
+from posefuse.sources import FramesAhead, VideoConfig
 from posefuse.sources.live import PacedVideoConfig
 from posefuse.sources.video import ticks_ns
 
@@ -52,23 +52,30 @@ def test_fingerprints_of_different_images_differ(pixel_format: str) -> None:
 
 def test_frames_that_are_not_used_are_not_converted(demo_session: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     source = PacedVideoConfig(demo_session / "videos" / "cam00.mp4", "cam00").build()
-    assert isinstance(source, UnconvertedSource)
     converted: list[int] = []
     before = PixelConverter.rgb
     monkeypatch.setattr(PixelConverter, "rgb", lambda self, decoded: converted.append(1) or before(self, decoded))
-    arrived = list(itertools.islice(arriving(source), 6))
+    arrived = list(itertools.islice(source.frames(), 6))
     assert [one.pixels.sample(STEP).shape for one in arrived] == [(40, 54, 3)] * 6
     assert not converted
-    arrived[2].frame()
-    arrived[2].frame()
+    assert arrived[2].image is arrived[2].image
     assert len(converted) == 1
 
 
-def test_a_frame_that_arrives_converted_keeps_all_that_it_has() -> None:
-    """The depth of a camera whose source only knows frames, too."""
+def test_the_thread_that_decodes_ahead_converts(demo_session: Path) -> None:
+    """And keeps no decoded frames: they take half as much memory again."""
+    ahead = FramesAhead(VideoConfig(demo_session / "videos" / "cam00.mp4", "cam00").build())
+    try:
+        assert [type(frame.pixels) for frame in itertools.islice(ahead, 3)] == [Pixels] * 3
+    finally:
+        ahead.close()
+
+
+def test_a_converted_frame_keeps_all_that_it_has() -> None:
+    """The depth of a camera, too."""
     depth = DepthImage(values=np.ones((4, 6), np.uint16))
     frame = Frame(camera="a", seq=3, t_ns=5, received_ns=9, image=np.zeros((4, 6, 3), np.uint8), depth=depth)
-    assert_same(Arrived.of(frame).frame(), frame)
+    assert_same(frame.converted(), frame)
 
 
 @given(

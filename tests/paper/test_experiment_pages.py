@@ -43,6 +43,7 @@ FUSION = SimpleNamespace(
     latencies=SimpleNamespace(newest=(), rate_hz=100.0),
     monitor=SimpleNamespace(source=lambda _: SimpleNamespace(captured=10)),
     used={"cam00": 10},
+    clock=SimpleNamespace(offset_ns=0),
 )
 CAMERAS = ("cam00", "cam01", "cam02", "cam03")
 HEADINGS = {

@@ -19,6 +19,7 @@ from memory_source import Clip
 from no_outputs import NoOutputs
 
 from posefuse.core import Detections2D, Frame, Rig
+from posefuse.core.frames import Pixels
 from posefuse.core.skeleton import PAPER14
 from posefuse.detection.build import DetectorChoice
 from posefuse.foundation.channel import Channel
@@ -33,7 +34,6 @@ from posefuse.realtime.messages import Expected, SeenView, SessionClock
 from posefuse.realtime.networks import on_device
 from posefuse.realtime.outputs import OutputPlan
 from posefuse.realtime.session import group_plans
-from posefuse.sources.arriving import Arrived
 
 PERIOD_NS = 1_000_000_000 // 30
 SKELETON = PAPER14
@@ -56,7 +56,7 @@ class SlowDetector:
         image = np.full((48, 64, 3), 100 * (self.seq % 2), np.uint8)
         for name, capture in zip(NAMES, self.group._captures, strict=True):
             frame = Frame(camera=name, seq=self.seq, t_ns=self.seq * PERIOD_NS, received_ns=0, image=image)
-            capture.put(Caught(Arrived.of(frame), 0))
+            capture.put(Caught(frame, 0))
 
 
 def plan_of(rig: Rig, clock: SessionClock, cameras: tuple[str, ...]) -> GroupPlan:
@@ -128,7 +128,7 @@ def on_card(ring_rig, tmp_path, monkeypatch: pytest.MonkeyPatch):
             for name, capture in zip(rig.names, group._captures, strict=True):
                 image = np.ascontiguousarray(cv2.imread(str(tmp_path / "images" / name / "000000.png"))[..., ::-1])
                 frame = Frame(camera=name, seq=0, t_ns=clock.now_ns(), received_ns=0, image=image)
-                capture.put(Caught(Arrived.of(frame), 0))
+                capture.put(Caught(frame, 0))
             while len(seen) < len(rig):
                 group._look_at_next()
                 seen += iter(ours.receive, None)
@@ -212,7 +212,7 @@ def test_a_source_that_raises_anything_is_named_and_opened_again(monkeypatch: py
 S = 1_000_000_000
 
 
-class CountedPixels:
+class CountedPixels(Pixels):
     """An empty room, which counts how often its image is asked for."""
 
     size_wh = (64, 48)
@@ -232,14 +232,14 @@ class CountedPixels:
 
 
 class SeesNoPerson:
-    """In place of a detector."""
+    """In place of a detector: looks at every image."""
 
     def __init__(self, choice: DetectorChoice, rig: Rig) -> None:
         self.skeleton, self.searched = SKELETON, 0
 
     def detect(self, frames: list[Frame], regions: list) -> list[Detections2D]:
         self.searched += sum(one is None for one in regions)
-        return [Detections2D.empty(frame.camera, frame.t_ns, SKELETON) for frame in frames]
+        return [Detections2D.empty(frame.camera, frame.t_ns, SKELETON) for frame in frames if frame.image.size]
 
 
 @pytest.fixture
@@ -258,8 +258,8 @@ def watched(ring_rig, monkeypatch: pytest.MonkeyPatch):
                 now_s = next(clock_s)
                 monkeypatch.setattr(group_module.time, "monotonic", lambda now_s=now_s: now_s)
                 t_ns = 100 * S + i * PERIOD_NS
-                arrived = Arrived(camera="cam00", seq=i, t_ns=t_ns, received_ns=t_ns + 20_000_000, pixels=one)
-                group._look([(group._captures[0], Caught(arrived, 0))], group._expected)
+                frame = Frame(camera="cam00", seq=i, t_ns=t_ns, received_ns=t_ns + 20_000_000, image=one)
+                group._look([(group._captures[0], Caught(frame, 0))], group._expected)
             monkeypatch.undo()
             messages = list(iter(ours.receive, None))
         return messages, sum(one.asked > 0 for one in pixels), group.detector.searched

@@ -28,8 +28,8 @@ from posefuse.cli.command_line import parse
 from posefuse.cli.main import main
 from posefuse.cli.terminal import Terminal
 from posefuse.core import Frame, InputError, SourceError
+from posefuse.core.frames import Pixels
 from posefuse.formats.kept_video import KeptVideo
-from posefuse.formats.pixels import Pixels, RgbPixels
 from posefuse.foundation.output_folder import MARK_FILE
 from posefuse.pipeline.config import TrackConfig
 from posefuse.pipeline.session import find_session
@@ -38,7 +38,7 @@ from posefuse.realtime.capture import Capture, LiveInput
 from posefuse.realtime.inputs import inputs_from_arguments
 from posefuse.realtime.video_keeping import VideoKeeper, read_counts, wait_for_videos
 from posefuse.realtime.watching import CameraFeed, exposure_warning
-from posefuse.sources.arriving import Arrived, with_earlier
+from posefuse.sources.arriving import with_earlier
 from posefuse.sources.video import VideoConfig
 
 GOOD = np.linspace(20, 230, 48 * 64, dtype=np.uint8).reshape(48, 64, 1).repeat(3, axis=2)
@@ -200,7 +200,7 @@ def test_what_guide_has_seen_is_a_session(tmp_path: Path) -> None:
     for name in ("a", "b"):
         with KeptVideo(tmp_path / f"{name}.mp4") as video:
             for i in range(12):
-                video.write(RgbPixels(np.roll(marker_page(), 2 * i, axis=1)), i * 50_000_000)
+                video.write(Pixels(np.roll(marker_page(), 2 * i, axis=1)), i * 50_000_000)
     sources = [word for name in ("a", "b") for word in ("--source", f"{name}=video:{tmp_path / name}.mp4")]
     session, target = tmp_path / "session", write_target(tmp_path / "cube.toml", Markers(0.1))
     found = parse(["calibrate", "guide", "--target", str(target), *sources, "--record", str(session)])
@@ -220,7 +220,7 @@ def test_what_guide_has_seen_is_a_session(tmp_path: Path) -> None:
 
 
 def frame(i: int) -> Pixels:
-    return RgbPixels(np.full((32, 48, 3), i % 250, np.uint8))
+    return Pixels(np.full((32, 48, 3), i % 250, np.uint8))
 
 
 def finished(keeper: VideoKeeper) -> None:
@@ -245,7 +245,7 @@ class Hurried(Clip):
     made: tuple[Frame, ...] = ()
 
     def frames(self) -> Any:
-        late = with_earlier(Arrived.of(self.made[5]), [(one.t_ns, one.encoded) for one in self.made[3:5]])
+        late = with_earlier(self.made[5], [(one.t_ns, one.encoded) for one in self.made[3:5]])
         yield from (*self.made[:3], replace(self.made[5], encoded=late), *self.made[6:])
 
 

@@ -24,7 +24,6 @@ from posefuse.realtime.inputs import inputs_from_arguments
 from posefuse.realtime.latency import Histogram, Latencies, ViewTimes
 from posefuse.realtime.messages import Expected, SeenView, SessionClock
 from posefuse.realtime.news import News
-from posefuse.sources.arriving import Arrived
 from posefuse.sources.live.stream import StampClock
 
 S = 1_000_000_000
@@ -324,11 +323,11 @@ def test_only_the_newest_frame_waits(ring_rig) -> None:
         Frame(camera="cam00", seq=i, t_ns=i * PERIOD_NS, received_ns=0, image=np.zeros((4, 4, 3), np.uint8)) for i in range(3)
     ]
     for frame in frames:
-        captures[0].put(Caught(Arrived.of(frame), 0))
-    captures[1].put(Caught(Arrived.of(replace(frames[0], camera="cam01")), 0))
+        captures[0].put(Caught(frame, 0))
+    captures[1].put(Caught(replace(frames[0], camera="cam01"), 0))
     taken = take_all(captures)
-    assert [caught.arrived.camera for _, caught in taken] == ["cam00", "cam01"]
-    assert taken[0][1].arrived.pixels.rgb() is frames[2].image
+    assert [caught.frame.camera for _, caught in taken] == ["cam00", "cam01"]
+    assert taken[0][1].frame.image is frames[2].image
     assert take_all(captures) == []
     state = captures[0].state()
     assert (state.captured, state.used, state.replaced) == (3, 1, 2)
@@ -357,7 +356,7 @@ def test_a_video_begins_again_at_every_turn(ring_rig, demo_session) -> None:
     assert len(turns) == 3
     # half a second between two showings, which keeps the rig watch from comparing across it
     assert all(later_ns % (8 * S // 10) == 0 for later_ns in turns)
-    assert all(caught.arrived.t_ns < 3 * S // 10 for caught in taken)
+    assert all(caught.frame.t_ns < 3 * S // 10 for caught in taken)
     times = [caught.t_ns for caught in taken]
     assert times == sorted(times)
 

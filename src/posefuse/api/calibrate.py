@@ -27,8 +27,8 @@ from posefuse.calibration.extrinsics.world import (
 )
 from posefuse.calibration.person.scale import KnownLength
 from posefuse.calibration.report import CalibrationReport, Check, RefusedCalibration, after
-from posefuse.calibration.result_files import write_coverage
 from posefuse.calibration.targets.corners import CornerObservations
+from posefuse.calibration.targets.coverage import write_coverage
 from posefuse.calibration.targets.detection import detect_corners
 from posefuse.calibration.targets.kinds import Target, read_target
 from posefuse.calibration.targets.recordings import (

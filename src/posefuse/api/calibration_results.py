@@ -9,16 +9,15 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from posefuse.calibration.clocks.sync import ClockEstimate, clock_figures
+from posefuse.calibration.clocks.sync import ClockEstimate, clock_figures, clock_settings
 from posefuse.calibration.report import CalibrationReport
-from posefuse.calibration.result_files import clock_settings, heat_map_image, numbered, write_rig_file
-from posefuse.calibration.targets.coverage import coverage_picture
+from posefuse.calibration.targets.coverage import coverage_picture, heat_map_image
 from posefuse.calibration.verify import Verification
 from posefuse.core import CalibrationError, Camera, InputError
 from posefuse.core import Rig as CoreRig
 from posefuse.core.arrays import Array
-from posefuse.formats.rig import read_rig
-from posefuse.foundation.output_file import check_output_file, write_text
+from posefuse.formats.rig import read_rig, write_rig
+from posefuse.foundation.output_file import check_output_file, keep_copy, write_text
 from posefuse.foundation.summary import Block, Heading, Table
 from posefuse.pipeline.config import read_config
 
@@ -52,7 +51,8 @@ class IntrinsicsCalibration:
         target = _checked(path, replace)
         write_rig_file(target, dataclasses.replace(self.rig, cameras=(*other_intrinsics(target, self.rig.names), *self.rig)))
         for camera in self.rig if report is not None else ():
-            page = _checked(numbered(Path(str(report)), camera.name, len(self.rig)), replace)
+            whole = Path(str(report))
+            page = _checked(whole if len(self.rig) == 1 else whole.with_stem(f"{whole.stem}_{camera.name}"), replace)
             self.reports[camera.name].save(page, _covered(camera, self.cells))
         return target
 
@@ -185,6 +185,12 @@ class RigVerification:
         target = _checked(path, replace)
         self.report.save(target, pictures, self.rig)
         return target
+
+
+def write_rig_file(path: Path, rig: CoreRig) -> None:
+    """The rig file; an older one is kept as NAME.replaced-TIME."""
+    keep_copy(path)
+    write_rig(path, rig)
 
 
 def _checked(path: str | Path, replace: bool) -> Path:

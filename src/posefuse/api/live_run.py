@@ -6,7 +6,7 @@ import json
 import math
 import warnings
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any, Literal
 
@@ -30,9 +30,8 @@ from posefuse.realtime.config import LiveConfig, RunOptions
 from posefuse.realtime.fusion import Fusion
 from posefuse.realtime.inputs import inputs_from_arguments, rig_of_inputs, shown_again
 from posefuse.realtime.latency import STAGES
-from posefuse.realtime.messages import SessionClock
 from posefuse.realtime.networks import fetch_networks
-from posefuse.realtime.outputs import OutputPlan, check_live_outputs
+from posefuse.realtime.outputs import check_live_outputs
 from posefuse.realtime.session import Finished, LivePlan, check_enough, closing_lines, run_live
 from posefuse.realtime.video_keeping import read_counts
 
@@ -192,12 +191,11 @@ def track_live(
     count = len(plan.inputs)
     with shown(progress) as news:
         say = lines_of(news, "live")
-        placed = rig_of_inputs(plan.rig, plan.inputs, plan.config.camera_info, say)
+        plan = replace(plan, rig=rig_of_inputs(plan.rig, plan.inputs, plan.config.camera_info, say))
         say(f"{count} camera{'s' * (count != 1)}: " + ", ".join(f"{entry.camera} ({entry.kind})" for entry in plan.inputs))
         fetch_networks(plan.config.detector, news)
-        out = OutputPlan(rig=placed, clock=SessionClock.begin(), configs=plan.outputs)
-        with kept_videos(None if videos is None else Path(videos), placed, plan.inputs) as folder:
-            done = run_live(placed, plan.inputs, plan.config, out, plan.duration_s, say, videos=folder)
+        with kept_videos(None if videos is None else Path(videos), plan.rig, plan.inputs) as folder:
+            done = run_live(plan, say, videos=folder)
             kept = video_figures(read_counts(folder, [entry.camera for entry in plan.inputs])) if folder else {}
             failed = any(one["fault"] for one in kept.values())
             run = finished_run(done, report=None if report is None else Path(report), more={"videos": kept}, failed=failed)

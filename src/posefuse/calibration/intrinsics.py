@@ -15,7 +15,7 @@ import numpy as np
 from posefuse.calibration.report import CalibrationReport, Check
 from posefuse.calibration.targets.corners import CornerObservations
 from posefuse.calibration.targets.coverage import coverage
-from posefuse.calibration.targets.kinds import BOARD_PATCH, LEAST_CORNERS, Target, check_board
+from posefuse.calibration.targets.kinds import BOARD_PATCH, LEAST_CORNERS, Target, check_board, in_a_plane
 from posefuse.core import SE3, CalibrationError, Camera
 from posefuse.core.arrays import Array, freeze_fields
 
@@ -103,7 +103,7 @@ def _views(observations: CornerObservations, target: Target) -> list[_View]:
         if end - first < LEAST_CORNERS:
             continue
         xyz, xy = board[observations.corner[first:end]], observations.xy_img[first:end]
-        if np.linalg.matrix_rank(xyz[:, :2] - xyz[:, :2].mean(axis=0), tol=1e-9) < 2:
+        if not in_a_plane(xyz):
             continue
         feature = _feature(xyz, xy, observations.sizes_wh[0])
         views.append(_View(int(observations.t_ns[first]), xyz, xy, float(observations.sharpness[first]), feature))

@@ -20,6 +20,7 @@ if TYPE_CHECKING:
         SourceError,
         choices,
     )
+    from .frames import Frame
     from .joint_angles import AngleSeries, JointAngles
     from .joint_centres import JointCentres
     from .live_messages import (
@@ -43,7 +44,7 @@ if TYPE_CHECKING:
     from .se3 import SE3
     from .skeleton import PAPER14, SKELETONS, Skeleton, pick_keypoints
     from .truth import CameraTruth, Truth
-    from .values import Detections2D, Frame, Region, Views
+    from .values import Detections2D, Region, Views
     from .view_sequences import ViewSequence, views_over_time
 
 __getattr__ = lazy_names(__name__, __file__)

@@ -33,6 +33,20 @@ SEGMENT_ENDS = {
 _DIRECTIONS = tuple((joint, name) for joint, names in JOINT_DIRECTIONS.items() for name in names)
 
 
+@dataclass(frozen=True, eq=False, kw_only=True)
+class LengthPrior:
+    """What is known of people's segments before a person is seen.
+
+    Attributes:
+        names: of (S) segments: upper_arm, forearm, thigh, shank, shoulders, hips, trunk, in any order.
+        mean_m, cov_m2: (S,) and (S, S).
+    """
+
+    names: tuple[str, ...]
+    mean_m: Array
+    cov_m2: Array
+
+
 @dataclass(frozen=True, kw_only=True)
 class JointCentres:
     """Offsets from a detector's keypoints to joint centres, along directions of the body itself.

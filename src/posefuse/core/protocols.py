@@ -9,11 +9,12 @@ from typing import TYPE_CHECKING, ClassVar, Protocol, Self, runtime_checkable
 
 # the help of a command needs `Progress` and none of these
 if TYPE_CHECKING:
+    from .frames import Frame
     from .joint_centres import JointCentres
     from .live_messages import LiveMessage
     from .recording import Recording
     from .skeleton import Skeleton
-    from .values import Detections2D, Frame, Region
+    from .values import Detections2D, Region
 
 
 @runtime_checkable

@@ -14,8 +14,6 @@ import numpy as np
 from numpy.typing import DTypeLike
 
 from .arrays import Array, check_fields, freeze_fields, taken
-from .depth import DepthImage
-from .encoded import EncodedFrame
 from .errors import ShapeError
 from .skeleton import Skeleton
 
@@ -71,44 +69,6 @@ def keypoint_boxes(xy_img: Array, score: Array) -> Array:
     low, high = np.where(seen, xy_img, np.inf).min(axis=1), np.where(seen, xy_img, -np.inf).max(axis=1)
     box = np.concatenate([low, high], axis=-1)
     return np.where(np.isfinite(box), box, np.nan)
-
-
-@dataclass(frozen=True, eq=False, kw_only=True)
-class Frame:
-    """One image of one camera.
-
-    Attributes:
-        camera: its name.
-        seq: counts what the camera delivered, gaps included.
-        t_ns: mid-exposure on the session clock.
-        received_ns: when it reached this process, same clock.
-        image: (H, W, 3) uint8 RGB; not copied, so do not write to it.
-        encoded: as the camera delivered it, where that is asked for and it encodes itself.
-        depth: of every pixel of the image; None from a camera without depth.
-    """
-
-    camera: str
-    seq: int
-    t_ns: int
-    received_ns: int
-    image: Array
-    encoded: EncodedFrame | None = None
-    depth: DepthImage | None = None
-
-    def __post_init__(self) -> None:
-        image = self.image
-        if not isinstance(image, np.ndarray) or image.ndim != 3 or image.shape[2] != 3 or image.dtype != np.uint8:
-            got = f"{image.dtype} {image.shape}" if isinstance(image, np.ndarray) else type(image).__name__
-            raise ShapeError(f"Frame of {self.camera}: expected an RGB uint8 image (H, W, 3), got {got}")
-        if self.depth is not None and self.depth.values.shape != image.shape[:2]:
-            raise ShapeError(
-                f"Frame of {self.camera}: expected depth of the image's size {image.shape[:2]}, got {self.depth.values.shape}"
-            )
-
-    @property
-    def size_wh(self) -> tuple[int, int]:
-        """(width, height) in px."""
-        return self.image.shape[1], self.image.shape[0]
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

@@ -257,11 +257,6 @@ C = TypeVar("C", bound=Card)
 _CLASSES: dict[str, type[Card]] = {"person_ssd": PersonCard, "heatmap_landmarks": LandmarkCard, "landmark_ensemble": EnsembleCard}
 
 
-def card_names() -> list[str]:
-    """Of all cards that come with the package; none is read."""
-    return [path.stem for path in _card_files()]
-
-
 def list_cards() -> list[NetworkCard]:
     """The cards of networks that come with the package, by name."""
     cards = [read_card(path, Card) for path in _card_files()]
@@ -287,7 +282,7 @@ def read_card(name: str | Path, expected: type[C] = NetworkCard) -> C:  # type: 
     if path.suffix != ".toml":
         path = CARDS_FOLDER / f"{name}.toml"
         if not path.is_file():
-            raise ModelError(f"no model card {str(name)!r}; there are: {choices(card_names())}")
+            raise ModelError(f"no model card {str(name)!r}; there are: {choices([path.stem for path in _card_files()])}")
     content: dict[str, Any] = {"name": path.stem, "folder": path.parent, **read_mapping(path)}
     card = settings_from_mapping(content, _CLASSES.get(str(content.get("kind")), OnnxCard), where=str(path))
     if not isinstance(card, expected):

@@ -14,7 +14,7 @@ from posefuse.foundation.platform import usable_cores
 from posefuse.foundation.plugins import plugin_config
 
 from .build import DetectorChoice, with_network
-from .card import card_names, named_networks, needed_cards
+from .card import named_networks, needed_cards
 from .files import model_path, status
 
 # the default networks, from the smallest to the largest
@@ -52,19 +52,16 @@ def installed_networks() -> list[str]:
 
     BlazePose before the others, of which none was measured to be more accurate; the larger before the smaller.
     """
-    sizes = {name: size for name in named_networks() if (size := _installed_bytes(name))}
+    sizes = {name: size for name in named_networks() if (size := _installed_bytes(name, checked=True))}
     others = sorted(sizes.keys() - set(BLAZEPOSE), key=lambda name: (-sizes[name], name))
     return [*(name for name in reversed(BLAZEPOSE) if name in sizes), *others]
 
 
 def smaller_network(network: str) -> str:
     """The next smaller installed network of those whose names begin alike; "" where there is none. Hashes are not checked."""
-    family, cache = network.rpartition("_")[0], default_cache_dir()
-    sizes = {}
-    for name in (name for name in card_names() if family and name.rpartition("_")[0] == family):
-        files = [model_path(card, cache) for card in needed_cards(name) if card.keypoints]
-        if files and all(file.is_file() for file in files):
-            sizes[name] = sum(file.stat().st_size for file in files)
+    family = network.rpartition("_")[0]
+    names = [name for name in named_networks() if family and name.rpartition("_")[0] == family]
+    sizes = {name: size for name in names if (size := _installed_bytes(name, checked=False))}
     smaller = [name for name, size in sizes.items() if size < sizes.get(network, 0)]
     return max(smaller, key=sizes.__getitem__, default="")
 
@@ -116,7 +113,7 @@ def best_sustained(costs: Sequence[NetworkCost], cameras: int, rate_hz: float) -
 
 def _measured(name: str, choice: DetectorChoice, clock_s: Callable[[], float]) -> NetworkCost:
     chosen = with_network(choice, name)
-    if not _installed_bytes(name):
+    if not _installed_bytes(name, checked=True):
         raise ModelError(f"network {name} is not in {default_cache_dir()}; fetch it with: posefuse models {name}")
     detector: Detector = plugin_config("detectors", chosen.name, chosen.options).build()
     # BlazePose states none: it runs on what it was given, and `auto` is the CPU
@@ -125,11 +122,12 @@ def _measured(name: str, choice: DetectorChoice, clock_s: Callable[[], float]) -
     return NetworkCost(name, device, _image_s(detector, clock_s))
 
 
-def _installed_bytes(name: str) -> int:
-    """Of all files that a network needs; 0 where one is missing or damaged."""
+def _installed_bytes(name: str, *, checked: bool) -> int:
+    """Of all files that a network needs; 0 where one is missing or, if they are `checked`, damaged."""
     cards, cache = needed_cards(name), default_cache_dir()
-    ready = all(status(card, cache) == "ready" for card in cards)
-    return sum(model_path(card, cache).stat().st_size for card in cards) if ready else 0
+    files = [model_path(card, cache) for card in cards]
+    ready = all(status(card, cache) == "ready" for card in cards) if checked else all(file.is_file() for file in files)
+    return sum(file.stat().st_size for file in files) if ready else 0
 
 
 def _image_s(detector: Detector, clock_s: Callable[[], float]) -> float:

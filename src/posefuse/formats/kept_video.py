@@ -14,9 +14,8 @@ import av
 import numpy as np
 
 from posefuse.core import Closing, InputError
-from posefuse.core.encoded import EncodedFrame, Packet
+from posefuse.core.frames import EncodedFrame, Packet, Pixels
 
-from .pixels import Pixels
 from .video import TIME_BASE, h264_stream, open_mp4, reason
 
 # The packets of a stream in the order of decoding, until the frames in them have been shown and their times are known.

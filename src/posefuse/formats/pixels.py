@@ -7,13 +7,14 @@ of 640 x 480 px that takes four times as much processor time as the conversion.
 from __future__ import annotations
 
 from threading import Lock
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 from av.video.frame import VideoFrame
 from av.video.reformatter import VideoReformatter
 
 from posefuse.core.arrays import Array
+from posefuse.core.frames import Pixels
 
 # planes of brightness and two colour differences; those with a J are of full range
 _PLANAR = ("yuv420p", "yuv422p", "yuv444p", "yuvj420p", "yuvj422p", "yuvj444p")
@@ -42,60 +43,12 @@ class PixelConverter:
             return np.asarray(self._scaler.reformat(decoded, format="rgb24", threads=1).to_ndarray())
 
 
-class Pixels(Protocol):
-    """An image that may not have been converted to RGB yet."""
-
-    @property
-    def size_wh(self) -> tuple[int, int]:
-        """(width, height) in px."""
-        ...
-
-    def rgb(self) -> Array:
-        """(H, W, 3) uint8 RGB; the same array each time."""
-        ...
-
-    def sample(self, step: int) -> Array:
-        """(ceil(H / step), ceil(W / step), 3) uint8 RGB, about: every so many pixels in both directions; a copy.
-
-        `step` is even. Turned images may be sampled before they are turned.
-        """
-        ...
-
-    def fingerprint(self, step: int) -> bytes:
-        """The same for the same image: of pixels sampled as by `sample` hardly more than their brightness."""
-        ...
-
-
-class RgbPixels:
-    """An image (H, W, 3) uint8 that is RGB already; implements `Pixels`."""
-
-    def __init__(self, image: Array) -> None:
-        self._image = image
-
-    @property
-    def size_wh(self) -> tuple[int, int]:
-        """See `Pixels`."""
-        return self._image.shape[1], self._image.shape[0]
-
-    def rgb(self) -> Array:
-        """See `Pixels`."""
-        return self._image
-
-    def sample(self, step: int) -> Array:
-        """See `Pixels`."""
-        return self._image[::step, ::step].copy()
-
-    def fingerprint(self, step: int) -> bytes:
-        """See `Pixels`."""
-        return self._image[::step, ::step, 1].tobytes()
-
-
-class DecodedPixels:
-    """A decoded frame, turned upright as its file asks; implements `Pixels`."""
+class DecodedPixels(Pixels):
+    """A decoded frame, turned upright as its file asks."""
 
     def __init__(self, decoded: VideoFrame, converter: PixelConverter) -> None:
         self._decoded, self._converter = decoded, converter
-        self._image: Array | None = None
+        self._rgb: Array | None = None
 
     @property
     def size_wh(self) -> tuple[int, int]:
@@ -105,9 +58,9 @@ class DecodedPixels:
 
     def rgb(self) -> Array:
         """See `Pixels`."""
-        if self._image is None:
-            self._image = upright(self._converter.rgb(self._decoded), self._decoded)
-        return self._image
+        if self._rgb is None:
+            self._rgb = upright(self._converter.rgb(self._decoded), self._decoded)
+        return self._rgb
 
     def sample(self, step: int) -> Array:
         """See `Pixels`; of the usual formats only the sampled pixels are converted."""
@@ -116,7 +69,7 @@ class DecodedPixels:
         decoded = self._decoded
         name = decoded.format.name
         if name not in _PLANAR:
-            return RgbPixels(self.rgb()).sample(step)
+            return super().sample(step)
         height, width = -(-decoded.height // step), -(-decoded.width // step)
         sampled = np.empty((height, width, 3), np.uint8)
         for k, plane in enumerate(decoded.planes):
@@ -129,7 +82,7 @@ class DecodedPixels:
     def fingerprint(self, step: int) -> bytes:
         """See `Pixels`."""
         if self._decoded.format.name not in _PLANAR:
-            return RgbPixels(self.rgb()).fingerprint(step)
+            return super().fingerprint(step)
         return _sampled(self._decoded.planes[0], step, step).tobytes()
 
 

@@ -92,7 +92,7 @@ class PeopleFollower:
         clock: StageClock | None = None,
         keep: Keep | None = None,
     ) -> None:
-        self._skeleton, self._rig, self._associating, self._fusing = skeleton, rig, associating, fusing
+        self.skeleton, self.rig, self._associating, self._fusing = skeleton, rig, associating, fusing
         self._clock, self._keep = clock or StageClock(), keep
         self._memory = Memory(skeleton=skeleton)
         self._identity = Identity(people_max=associating.max_people, lost_after_s=associating.lost_after_s)
@@ -147,7 +147,7 @@ class PeopleFollower:
         row = int(np.flatnonzero(seen.pose.person_id == person)[0])
         in_view = (np.nan_to_num(seen.views.score[row]) > 0).any(axis=1)
         xyz = seen.pose.xyz_world[row]
-        should = [_in_image(camera, xyz) for camera in self._rig]
+        should = [_in_image(camera, xyz) for camera in self.rig]
         return int(in_view.sum()) <= 2 and int((np.array(should) & ~in_view).sum()) > _MOST_BLIND
 
     def _see(self, i: int, step: TimeStep, kind: LookKind, expected: Pose3D | None, memory: Memory) -> _Seen:
@@ -159,11 +159,11 @@ class PeopleFollower:
                 self._keep(batch)
         with self._clock.stage("fuse"):
             by_camera = {one.camera: one for one in batch.detections}
-            absent = Detections2D.empty("", step.t_ns, self._skeleton)
-            detections = [by_camera.get(name) or replace(absent, camera=name) for name in self._rig.names]
+            absent = Detections2D.empty("", step.t_ns, self.skeleton)
+            detections = [by_camera.get(name) or replace(absent, camera=name) for name in self.rig.names]
             assignment = assign(
                 detections,
-                self._rig,
+                self.rig,
                 self._associating,
                 step.t_ns,
                 memory.expected(step.t_ns),
@@ -172,8 +172,8 @@ class PeopleFollower:
                 hints=self._hints,
             )
             views = assignment.views(detections, step.t_ns)
-            pose = fuse(views, self._rig, self._fusing, memory.last(step.t_ns))
-        place = {name: c for c, name in enumerate(self._rig.names)}
+            pose = fuse(views, self.rig, self._fusing, memory.last(step.t_ns))
+        place = {name: c for c, name in enumerate(self.rig.names)}
         person_ids = tuple(assignment.people_of(place[one.camera], len(one)) for one in batch.detections)
         clothing = clothing_traits(assignment, detections)
         hints = hints_after(self._hints, assignment, detections)
@@ -183,8 +183,8 @@ class PeopleFollower:
 class FollowedLog:
     """The observations of time steps that are followed, packed as they come: an hour of single answers fills the memory."""
 
-    def __init__(self, follower: PeopleFollower, skeleton: Skeleton, rig: Rig) -> None:
-        self._follower, self._skeleton, self._rig = follower, skeleton, rig
+    def __init__(self, follower: PeopleFollower) -> None:
+        self._follower = follower
         self._parts: list[Observations] = []
         self._waiting: list[Followed] = []
 
@@ -201,7 +201,7 @@ class FollowedLog:
         return log.with_person_ids(self._follower.people_of(log.person_id, log.step_t_ns[log.frame_step[log.detection_frame]]))
 
     def _pack(self) -> None:
-        self._parts.append(observations_of(self._waiting, self._skeleton, self._rig))
+        self._parts.append(observations_of(self._waiting, self._follower.skeleton, self._follower.rig))
         self._waiting = []
 
 

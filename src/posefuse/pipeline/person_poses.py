@@ -195,7 +195,7 @@ def poses_together(
     follower = PeopleFollower(
         skeleton=detector.skeleton, rig=rig, associating=AssociateSettings(max_people=people), fusing=FuseSettings()
     )
-    log = FollowedLog(follower, detector.skeleton, rig)
+    log = FollowedLog(follower)
     try:
         for done, one in enumerate(follower.follow(images.steps()), start=1):
             log.add(one)

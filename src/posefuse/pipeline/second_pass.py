@@ -8,12 +8,11 @@ import numpy as np
 
 from posefuse.core import InputError, JointCentres, Kind, Observations, PoseSequence, Recording, Rig, ViewSequence
 from posefuse.core.arrays import Array, give_away, take_back
-from posefuse.core.joint_centres import SEGMENT_ENDS
 from posefuse.core.poses import WrittenPoses
 from posefuse.core.view_sequences import PartsOfViews, ViewsInParts, people_in
 from posefuse.fusion import FuseSettings, fuse
 from posefuse.kinematics import facing_votes
-from posefuse.kinematics.body import BodySettings, LengthPrior, fit_views
+from posefuse.kinematics.body import BodySettings, fit_views
 from posefuse.tracking import (
     SmoothSettings,
     ViewsAtJointCentres,
@@ -165,12 +164,6 @@ _LIMB_JOINTS = ("shoulder", "elbow", "wrist", "hip", "knee", "ankle")
 _HIDDEN_SHARE = 0.05
 
 
-def usual_length_prior() -> LengthPrior:
-    """Segment lengths of people in general."""
-    mean, cov = usual_lengths()
-    return LengthPrior(names=tuple(SEGMENT_ENDS), mean_m=mean, cov_m2=cov)
-
-
 def hidden_people(poses: PoseSequence) -> set[int]:
     """The people of whom a limb was out of sight for a part of the time in which they were seen."""
     names = [name for joint in _LIMB_JOINTS for name in (f"left_{joint}", f"right_{joint}") if name in poses.skeleton.keypoints]
@@ -211,7 +204,7 @@ def fit_bodies_in_place(
         start = poses.people(alone)
         rays = ViewsAtJointCentres(start, rig, views.people(alone), centres)
         try:
-            fit = fit_views(start, rig, rays, settings, lengths=usual_length_prior(), in_place=True)
+            fit = fit_views(start, rig, rays, settings, lengths=usual_lengths(), in_place=True)
         except InputError:  # this person has no skeleton, or left and right are swapped
             continue
         fitted += sorted(fit.bodies)

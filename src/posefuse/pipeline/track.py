@@ -232,18 +232,17 @@ def detect(
 
     What `store` has already is not detected again; what is new is given to it at once.
     """
-    skeleton, rig, config = opened.skeleton, opened.rig, opened.config
-    stored = store.stored if store else None
+    config, stored = opened.config, store.stored if store else None
     follower = PeopleFollower(
-        skeleton=skeleton,
-        rig=rig,
+        skeleton=opened.skeleton,
+        rig=opened.rig,
         associating=config.associate,
         fusing=config.fuse,
         clock=clock,
         keep=store.append if store else None,
     )
     steps = itertools.chain(stored_steps(stored) if stored else (), opened.steps(stored))
-    log, done = FollowedLog(follower, skeleton, rig), 0
+    log, done = FollowedLog(follower), 0
     interrupted = False
     try:
         for done, one in enumerate(follower.follow(steps), start=1):

@@ -10,6 +10,6 @@ if TYPE_CHECKING:
     from .latency import ViewTimes
     from .messages import SessionClock
     from .outputs import OutputPlan
-    from .session import run_live
+    from .session import LivePlan, run_live
 
 __getattr__ = lazy_names(__name__, __file__)

@@ -11,10 +11,9 @@ import time
 from dataclasses import dataclass
 from typing import Any
 
-from posefuse.core import Camera, PosefuseError, Source, SourceError
+from posefuse.core import Camera, Frame, PosefuseError, Source, SourceError
 from posefuse.foundation.parsing import one_line
 from posefuse.health.cameras import CameraState
-from posefuse.sources.arriving import Arrived, arriving
 
 from .video_keeping import VideoKeeper
 
@@ -70,14 +69,14 @@ class Caught:
         shift_ns: what is added to the frame's times for those of the session.
     """
 
-    arrived: Arrived
+    frame: Frame
     still: int
     shift_ns: int = 0
 
     @property
     def t_ns(self) -> int:
         """Session time of its exposure."""
-        return self.arrived.t_ns + self.shift_ns
+        return self.frame.t_ns + self.shift_ns
 
 
 class Capture:
@@ -190,7 +189,7 @@ class Capture:
         # others may have counted before they were opened, and are on the session's clock
         seq, shift_ns = (-1, self._session_zero_ns + later_ns) if self.entry.from_zero else (None, 0)
         try:
-            for frame in arriving(self._source):
+            for frame in self._source.frames():
                 if self._stop.is_set() or (self._period_ns and frame.t_ns >= self._period_ns - round(LOOP_PAUSE_S * 1e9)):
                     return
                 now = frame.pixels.fingerprint(SAMPLE_STEP)

@@ -17,11 +17,10 @@ from posefuse.association import CLOTHING_TRAITS, UNNAMED, Identity, associate, 
 from posefuse.association.settings import AssociateSettings
 from posefuse.core import Detections2D, JointCentres, Kind, LiveJointCentres, Pose3D, Rig, Skeleton, Views
 from posefuse.core.arrays import Array
-from posefuse.core.joint_centres import SEGMENT_ENDS
 from posefuse.fusion import fuse
 from posefuse.fusion.settings import FuseSettings
 from posefuse.kinematics import JointTracker
-from posefuse.kinematics.body import FEWEST_SEEN, LIVE_BODY, Length, LengthPrior, LiveBody, LiveBodyRules, LiveRays, TrackedPoints
+from posefuse.kinematics.body import FEWEST_SEEN, LIVE_BODY, Length, LiveBody, LiveBodyRules, LiveRays, TrackedPoints
 from posefuse.kinematics.joints import FrameBuffers
 from posefuse.tracking import LearntLengths, at_joint_centres, usual_lengths
 from posefuse.tracking.online import MOTION, CameraStatistics, Evidence, LiveMotion, LiveSettings, Tracker, build_tracker
@@ -248,8 +247,7 @@ class LiveSkeletons:
     def __init__(self, rig: Rig, skeleton: Skeleton, config: LiveConfig, rules: LiveBodyRules = LIVE_BODY) -> None:
         self._skeleton, self._config, self._rules = skeleton, config, rules
         self._work = FrameBuffers(skeleton, config.joints)
-        mean_m, cov_m2 = usual_lengths()
-        self._prior = LengthPrior(names=tuple(SEGMENT_ENDS), mean_m=mean_m, cov_m2=cov_m2)
+        self._prior = usual_lengths()
         self._projections = np.stack([np.column_stack([c.cam_from_world.matrix(), c.cam_from_world.xyz]) for c in rig])
         self._people: dict[int, LiveBody] = {}
 

@@ -299,11 +299,11 @@ class Group:
 
     def _detected(self, asked: Sequence[_Look]) -> list[Detections2D]:
         """Of each frame, in its own time; one without regions is not converted."""
-        frames = {i: look.caught.arrived.frame() for i, look in enumerate(asked) if look.regions is None or look.regions}
+        frames = {i: look.caught.frame for i, look in enumerate(asked) if look.regions is None or look.regions}
         found = dict(zip(frames, self._found(list(frames.values()), [asked[i].regions for i in frames]), strict=True))
         skeleton = self.detector.skeleton
         return [
-            found[i] if i in found else Detections2D.empty(look.camera, look.caught.arrived.t_ns, skeleton)
+            found[i] if i in found else Detections2D.empty(look.camera, look.caught.frame.t_ns, skeleton)
             for i, look in enumerate(asked)
         ]
 
@@ -319,12 +319,12 @@ class Group:
         name, caught = look.camera, look.caught
         shown = _in_session(found, caught.shift_ns)
         if look.regions is None:
-            sample = caught.arrived.pixels.sample(SAMPLE_STEP)
+            sample = caught.frame.pixels.sample(SAMPLE_STEP)
             self._searches[name].searched(sample, look.now_s, found=len(shown) > 0)
         seen = SeenView(
             detections=shown,
             state=look.capture.state(),
-            received_ns=caught.arrived.received_ns + caught.shift_ns,
+            received_ns=caught.frame.received_ns + caught.shift_ns,
             started_ns=look.started_ns,
             detected_ns=self._plan.clock.now_ns(),
             still=caught.still,
@@ -337,8 +337,8 @@ class Group:
 
     def _search_or_nothing(self, caught: Caught, now_s: float) -> Sequence[Region] | None:
         """Where to look while no person is followed: None asks for a search of the whole image."""
-        arrived = caught.arrived
-        return None if self._searches[arrived.camera].due(arrived.pixels.sample(SAMPLE_STEP), now_s) else ()
+        frame = caught.frame
+        return None if self._searches[frame.camera].due(frame.pixels.sample(SAMPLE_STEP), now_s) else ()
 
     def _regions(self, camera: Camera, t_ns: int, expected: Expected, now_ns: int) -> Sequence[Region] | None:
         """Where the people that are followed should be seen; None asks for a search of the whole image."""
@@ -355,10 +355,10 @@ class Group:
     def _preview(self, caught: Caught) -> None:
         if self._plan.preview_hz <= 0:
             return
-        now, camera = time.monotonic(), caught.arrived.camera
+        now, camera = time.monotonic(), caught.frame.camera
         if now - self._previewed_s[camera] >= 1 / self._plan.preview_hz:
             self._previewed_s[camera] = now
-            self._channel.send(preview_jpeg(caught.arrived.frame(), caught.t_ns))
+            self._channel.send(preview_jpeg(caught.frame, caught.t_ns))
 
     def _send_status(self) -> None:
         now = time.monotonic()

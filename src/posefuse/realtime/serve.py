@@ -9,14 +9,13 @@ import _thread
 import signal
 import threading
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from posefuse.core import LiveDetections, LiveHealth, LiveMessage, LivePose, LivePreview, LiveStart, PosefuseError
 from posefuse.foundation.channel import Channel, ChannelClosed
 
 from .inputs import rig_of_inputs
-from .messages import Requests, SessionClock, Stop
-from .outputs import OutputPlan
+from .messages import Requests, Stop
 from .session import LivePlan, run_live
 
 _SEND_S, _LOOK_S, _END_SEND_S = 1.0, 0.2, 30.0
@@ -73,9 +72,7 @@ def serve(channel: Channel, plan: LivePlan, images: bool) -> None:
                 channel.send(NewsLine(line), _SEND_S)
 
         rig = rig_of_inputs(plan.rig, plan.inputs, plan.config.camera_info, say)
-        reader = _Reader(channel, images)
-        outputs = OutputPlan(rig=rig, clock=SessionClock.begin(), configs=plan.outputs, reader=reader)
-        run_live(rig, plan.inputs, plan.config, outputs, plan.duration_s, say, requests=requests)
+        run_live(replace(plan, rig=rig), say, reader=_Reader(channel, images), requests=requests)
     except PosefuseError as problem:
         error = problem
     except KeyboardInterrupt:

@@ -27,10 +27,10 @@ from .config import LiveConfig
 from .estimator import warmed_up
 from .fusion import Fusion
 from .group import GroupPlan
-from .messages import AddOutput, KeepVideos, NamePerson, RemoveOutput, Requests, ShowImages, ViewSource
+from .messages import AddOutput, KeepVideos, NamePerson, RemoveOutput, Requests, SessionClock, ShowImages, ViewSource
 from .networks import devices_of, on_device, settled_network
 from .news import LEAST_CAMERAS, LEAST_SHARE, News, Say, never_waiting
-from .outputs import OutputPlan, OutputProcess
+from .outputs import OutputPlan, OutputProcess, SessionReader
 from .processes import Groups
 from .rig_watch import watching
 
@@ -98,31 +98,39 @@ def closing_lines(fusion: Fusion) -> Iterator[str]:
 
 
 def run_live(
-    rig: Rig,
-    inputs: Sequence[LiveInput],
-    config: LiveConfig,
-    plan: OutputPlan,
-    duration_s: float | None,
+    plan: LivePlan,
     say: Say,
     *,
+    reader: SessionReader | None = None,
     videos: Path | None = None,
     requests: Requests | None = None,
 ) -> Finished:
     """A session with cameras of this machine: until the time is over, all sources have ended, or Ctrl-C.
 
-    `videos`: an existing folder that takes every camera's video; None: none are kept. `requests`: what is changed on the way.
+    Args:
+        reader: a program that takes messages, see `OutputPlan`. requests: what is changed on the way.
+        videos: an existing folder that takes every camera's video; None: none are kept.
 
     Raises:
         SourceError: fewer than two cameras, or one that cannot be opened.
         InputError: an output that cannot be opened.
     """
+    inputs, config = plan.inputs, plan.config
     check_enough(inputs)
-    rig = rig.only(entry.camera for entry in inputs)
+    rig = plan.rig.only(entry.camera for entry in inputs)
     with never_waiting(say) as say_soon:
         config = replace(config, detector=settled_network(config.detector, len(inputs), say_soon))
-        plan = replace(plan, rig=rig, rate_hz=config.rate_hz, notes=notes_of(rig, config), names=config.names)
-        plans = group_plans(rig, inputs, config, plan, videos)
-        return run_session(plan, config, lambda: Groups(plans), say_soon, duration_s=duration_s, requests=requests)
+        outputs = OutputPlan(
+            rig=rig,
+            clock=SessionClock.begin(),
+            rate_hz=config.rate_hz,
+            configs=plan.outputs,
+            notes=notes_of(rig, config),
+            names=config.names,
+            reader=reader,
+        )
+        plans = group_plans(rig, inputs, config, outputs, videos)
+        return run_session(outputs, config, lambda: Groups(plans), say_soon, duration_s=plan.duration_s, requests=requests)
 
 
 def check_enough(inputs: Sequence[LiveInput]) -> None:

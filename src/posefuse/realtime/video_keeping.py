@@ -11,9 +11,8 @@ from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 
 from posefuse.core import InputError, PosefuseError, SourceError
-from posefuse.core.encoded import EncodedFrame
+from posefuse.core.frames import EncodedFrame, Pixels
 from posefuse.formats.kept_video import KeptVideo
-from posefuse.formats.pixels import Pixels
 from posefuse.foundation.output_file import write_text
 from posefuse.foundation.parsing import parse_json, read_text
 from posefuse.foundation.platform import lower_thread_priority

@@ -190,7 +190,7 @@ class CameraFeed(Closing):
         with self._news:
             taken = [capture.take() for capture in self._captures]
         return [
-            FedFrame(number, caught.t_ns - self._zero_ns, caught.arrived.frame())
+            FedFrame(number, caught.t_ns - self._zero_ns, caught.frame)
             for number, caught in enumerate(taken)
             if caught is not None
         ]

@@ -5,58 +5,18 @@ from __future__ import annotations
 import io
 import re
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, fields, replace
-from typing import Any, Protocol, runtime_checkable
+from dataclasses import replace
+from typing import Any
 
 import av
 
-from posefuse.core import Frame, Source
-from posefuse.core.depth import DepthImage
-from posefuse.core.encoded import EncodedFrame, Packet
-from posefuse.formats.pixels import Pixels, RgbPixels
+from posefuse.core import Frame
+from posefuse.core.frames import EncodedFrame, Packet
 
 # codecs whose packets are written to an .mp4 unchanged
 _COPIED_CODECS = ("h264", "hevc", "mjpeg", "av1")
 # those whose decoder needs its parameters before the first packet
 _NEED_PARAMETERS = ("h264", "hevc", "av1")
-# the fields of `Frame`, but for its image
-_OF_BOTH = tuple(field.name for field in fields(Frame) if field.name != "image")
-
-
-@dataclass(frozen=True, eq=False, kw_only=True, slots=True)
-class Arrived:
-    """A frame whose image may not have been converted yet; all else as in `Frame`."""
-
-    camera: str
-    seq: int
-    t_ns: int
-    received_ns: int
-    pixels: Pixels
-    encoded: EncodedFrame | None = None
-    depth: DepthImage | None = None
-
-    @classmethod
-    def of(cls, frame: Frame) -> Arrived:
-        """A frame whose image is RGB already."""
-        return cls(pixels=RgbPixels(frame.image), **{name: getattr(frame, name) for name in _OF_BOTH})
-
-    def frame(self) -> Frame:
-        """With its image."""
-        return Frame(image=self.pixels.rgb(), **{name: getattr(self, name) for name in _OF_BOTH})
-
-
-@runtime_checkable
-class UnconvertedSource(Source, Protocol):
-    """A source that can leave the conversion to those who look at a frame."""
-
-    def arriving(self) -> Iterator[Arrived]:
-        """What `frames` gives, not converted yet."""
-        ...
-
-
-def arriving(source: Source) -> Iterator[Arrived]:
-    """The frames of any source, converted late where it can do that."""
-    return source.arriving() if isinstance(source, UnconvertedSource) else map(Arrived.of, source.frames())
 
 
 def header_of(stream: Any) -> bytes:
@@ -118,7 +78,7 @@ def _stamp_ns(timed: Any) -> int:
     return stamp_ns
 
 
-def with_earlier(frame: Arrived, left_out: Sequence[tuple[int, EncodedFrame | None]]) -> EncodedFrame | None:
+def with_earlier(frame: Frame, left_out: Sequence[tuple[int, EncodedFrame | None]]) -> EncodedFrame | None:
     """The frame as it was encoded, with those that were left out since the last one: their times and what they were."""
     if frame.encoded is None:
         return None

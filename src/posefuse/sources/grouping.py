@@ -127,7 +127,7 @@ class FramesAhead:
         lower_thread_priority(_NICENESS)
         try:
             for frame in self._source.frames():
-                if not self._put(frame):
+                if not self._put(frame.converted()):
                     return
             self._put(_END)
         except PosefuseError as error:

@@ -19,10 +19,10 @@ from av.video.stream import VideoStream
 
 from posefuse.core import Frame, SourceError
 from posefuse.core.arrays import Array
-from posefuse.core.encoded import EncodedFrame
+from posefuse.core.frames import EncodedFrame
 from posefuse.formats.pixels import DecodedPixels, PixelConverter
 
-from .arriving import Arrived, PendingPackets
+from .arriving import PendingPackets
 
 VIDEO_SUFFIXES = (".mp4", ".mkv", ".mov", ".avi", ".webm", ".m4v", ".mpg", ".mpeg", ".ts", ".mts", ".m2ts")
 
@@ -97,7 +97,7 @@ class VideoSource:
         if first is None:
             raise SourceError(f"{config.where}: no frame can be decoded; is the file complete?")
         # one that cannot be converted shows now
-        self.size_wh = first.frame().size_wh
+        self.size_wh = first.converted().size_wh
         with opened_video(config) as container:
             self.stated_frames = int(container.streams.video[0].frames)
 
@@ -107,19 +107,18 @@ class VideoSource:
 
     def frames(self) -> Iterator[Frame]:
         """Frames in time order from the start; a frame that cannot be decoded is left out and counted in `broken_frames`."""
-        return (arrived.frame() for arrived in self.arriving())
+        return self._frames(None)
 
     def frames_from(self, begin_ns: int) -> Iterator[Frame]:
         """See `RecordedSource`; decoded from a key frame shortly before, where the file has an index."""
-        return (arrived.frame() for arrived in self.arriving(begin_ns) if arrived.t_ns >= begin_ns)
+        return (frame for frame in self._frames(self._entry(begin_ns)) if frame.t_ns >= begin_ns)
 
-    def arriving(self, begin_ns: int | None = None) -> Iterator[Arrived]:
-        """See `UnconvertedSource`; with `begin_ns`, frames before it may be missing."""
-        entry = None if begin_ns is None else self._entry(begin_ns)
+    def _frames(self, entry: int | None) -> Iterator[Frame]:
+        """From this key frame on; None: from the start."""
         self.broken_frames = 0
         last_ns: int | None = None
         for frame in self._decode(entry):
-            if (size_wh := frame.pixels.size_wh) != self.size_wh:
+            if (size_wh := frame.size_wh) != self.size_wh:
                 raise SourceError(f"{self._config.where}: frame {frame.seq} is {size_wh}, the first was {self.size_wh} px")
             if last_ns is not None and frame.t_ns <= last_ns:
                 self.broken_frames += 1
@@ -152,7 +151,7 @@ class VideoSource:
                         return listed.keys[key] if frame.pts == key else None
         return None
 
-    def _decode(self, entry: int | None = None) -> Iterator[Arrived]:
+    def _decode(self, entry: int | None = None) -> Iterator[Frame]:
         """Frames from the start, or from this key frame on."""
         with opened_video(self._config) as container:
             stream = container.streams.video[0]
@@ -171,7 +170,7 @@ class VideoSource:
                 start_ticks = self._start_ticks if container.format.name in _ARBITRARY_START else 0
                 t_ns = ticks_ns(self._config, decoded.pts - start_ticks, decoded.time_base or stream_base)
                 pixels = DecodedPixels(decoded, converter)
-                yield Arrived(camera=self.camera, seq=seq, t_ns=t_ns, received_ns=t_ns, pixels=pixels, encoded=encoded)
+                yield Frame(camera=self.camera, seq=seq, t_ns=t_ns, received_ns=t_ns, image=pixels, encoded=encoded)
 
     def _decoded_frames(
         self, container: av.container.InputContainer, stream: VideoStream

@@ -9,7 +9,7 @@ import numpy as np
 
 from posefuse.core import Skeleton
 from posefuse.core.arrays import Array
-from posefuse.core.joint_centres import JOINT_DIRECTIONS, SEGMENT_ENDS
+from posefuse.core.joint_centres import JOINT_DIRECTIONS, SEGMENT_ENDS, LengthPrior
 from posefuse.core.skeleton import SIDES, pick_keypoints
 
 # of the head, which has no joint centres: a line through them gives its tilt
@@ -133,8 +133,9 @@ def segment_lengths(xyz: Array, skeleton: Skeleton) -> Array:
     return out
 
 
-def usual_lengths() -> tuple[Array, Array]:
-    """Mean (S,) and covariance (S, S) of people's segments in metres: stature and what segments differ by at one stature."""
+def usual_lengths() -> LengthPrior:
+    """`SEGMENT_ENDS` of people in general: stature and what segments differ by at one stature."""
     share, spread = (np.array([values[segment] for segment in SEGMENT_ENDS]) for values in (_SHARE, _SPREAD))
     mean = _STATURE_M * share
-    return mean, np.outer(share, share) * _STATURE_SIGMA_M**2 + np.diag((spread * mean) ** 2)
+    cov = np.outer(share, share) * _STATURE_SIGMA_M**2 + np.diag((spread * mean) ** 2)
+    return LengthPrior(names=tuple(SEGMENT_ENDS), mean_m=mean, cov_m2=cov)

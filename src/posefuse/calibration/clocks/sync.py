@@ -6,6 +6,7 @@ each camera about each point is allowed for. The recording is cut into blocks; t
 
 from __future__ import annotations
 
+import json
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -264,6 +265,22 @@ def clock_figures(names: Sequence[str], clocks: ClockEstimate) -> dict[str, floa
             found[f"{name}_drift_ppm"] = float(clocks.drift[c] * 1e6)
             found[f"{name}_drift_sigma_ppm"] = float(clocks.drift_sigma[c] * 1e6)
     return found
+
+
+def clock_settings(names: Sequence[str], clocks: ClockEstimate) -> str:
+    """The clock offsets as settings that `posefuse track` reads (TOML); empty where the cameras are synchronised.
+
+    A frame stamped s was taken at s - offset - drift * (s - middle), and `track` adds its settings: the signs turn.
+    """
+    if not (clocks.offset_s.any() or clocks.drift.any()):
+        return ""
+    return "\n".join(_of_camera(name, *clocks.correction(c)) for c, name in enumerate(names))
+
+
+def _of_camera(camera: str, offset_s: float, drift_ppm: float) -> str:
+    """One camera's table in `posefuse.toml`; drift only where it was estimated."""
+    table = f"[cameras.{json.dumps(camera)}]\noffset_s = {offset_s:.6f}\n"
+    return table + (f"drift_ppm = {drift_ppm:.3f}\n" if drift_ppm else "")
 
 
 def _require(done: Sequence[Check]) -> None:

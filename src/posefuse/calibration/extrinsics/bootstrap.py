@@ -16,7 +16,7 @@ from posefuse.calibration.clocks.start import STEP_S, EvenTrack, agreed_clocks
 from posefuse.calibration.solving.projection import Lenses
 from posefuse.calibration.solving.rotations import Poses, nearest_rotation, stacked
 from posefuse.calibration.targets.corners import CornerObservations
-from posefuse.calibration.targets.kinds import Target, patch_corners, scale_m, sides
+from posefuse.calibration.targets.kinds import Target, in_a_plane, patch_corners, scale_m, sides
 from posefuse.core import Camera
 from posefuse.core.arrays import Array
 
@@ -148,9 +148,7 @@ class _Shapes:
         if key not in self._known:
             xyz = self._corners[patch, corner]
             middle = xyz.mean(axis=0)
-            flat = xyz - middle
-            on_line = np.linalg.matrix_rank(flat[:, :2], tol=1e-9) < 2
-            self._known[key] = (None if on_line else flat), middle
+            self._known[key] = (xyz - middle if in_a_plane(xyz) else None), middle
         return self._known[key]
 
 

@@ -11,7 +11,7 @@ import numpy as np
 from posefuse.calibration.report import Check
 from posefuse.calibration.targets.corners import CornerObservations
 from posefuse.calibration.targets.coverage import ENOUGH_SHARE, coverage
-from posefuse.calibration.targets.kinds import Target
+from posefuse.calibration.targets.kinds import Target, in_a_plane
 from posefuse.core import SE3, CalibrationError, Camera
 from posefuse.core.arrays import Array
 
@@ -85,11 +85,6 @@ def check_carried(observations: CornerObservations, solved: Solved) -> Check:
         "recording carries the intrinsics", not problems, "; ".join(problems) or "near and far, over all images",
         "move the target near and far, into all corners, tilted this way and that; or calibrate the intrinsics with a board",
     )  # fmt: skip
-
-
-def in_a_plane(points: Array) -> bool:
-    """Whether corners (n, 3) of a target span a plane; those of one row of a board have no pose."""
-    return bool(np.linalg.matrix_rank(points - points.mean(axis=0), tol=1e-9) >= 2)
 
 
 def _start(observations: CornerObservations, c: int, target: Target) -> Camera:

@@ -188,6 +188,11 @@ def patch_corners(target: Target, patches: Array) -> Array:
     return np.stack([target.corners(int(patch)) for patch in patches])
 
 
+def in_a_plane(points: Array) -> bool:
+    """Whether corners (n, 3) of a target span a plane; those of one row of a board have no pose."""
+    return bool(np.linalg.matrix_rank(points - points.mean(axis=0), tol=1e-9) >= 2)
+
+
 def _grid(columns: int, rows: int, step_m: float) -> Array:
     """(columns*rows, 3) points row by row from the top left; the last row lies on y = 0."""
     row, column = np.divmod(np.arange(columns * rows), columns)

@@ -53,7 +53,6 @@ def fit_poses(
     sequence: PoseSequence,
     settings: BodySettings | None = None,
     bodies: Mapping[int, BodyModel] | None = None,
-    joint_settings: JointSettings | None = None,
 ) -> BodyFit:
     """Fit each person's skeleton to 3D points weighted by their covariance.
 
@@ -62,10 +61,10 @@ def fit_poses(
     Raises:
         InputError: a person was never seen well enough to have a skeleton; left and right are swapped.
     """
-    settings, joint_settings = settings or BodySettings(), joint_settings or JointSettings()
-    bodies = bodies if bodies is not None else bodies_from_poses(sequence, settings, joint_settings)
-    work = FrameBuffers(sequence.skeleton, joint_settings)
-    poses = _Poses(sequence, settings, joint_settings, with_joints=True, in_place=False)
+    settings = settings or BodySettings()
+    bodies = bodies if bodies is not None else bodies_from_poses(sequence, settings)
+    work = FrameBuffers(sequence.skeleton, JointSettings())
+    poses = _Poses(sequence, settings, with_joints=True, in_place=False)
     return poses.fit(_fit(sequence, _points_of(sequence), settings, bodies, work, poses))
 
 
@@ -82,7 +81,6 @@ def fit_views(
     views: PartsOfViews,
     settings: BodySettings | None = None,
     bodies: Mapping[int, BodyModel] | None = None,
-    joint_settings: JointSettings | None = None,
     lengths: LengthPrior | None = None,
     *,
     in_place: bool = False,
@@ -96,11 +94,11 @@ def fit_views(
     With `in_place` the poses are written where those of `sequence` lie, which nothing may read any more, and the joints are of
     no person: of an hour, each takes much memory.
     """
-    settings, joint_settings = settings or BodySettings(), joint_settings or JointSettings()
-    projections, work = rig.projections(), FrameBuffers(sequence.skeleton, joint_settings)
+    settings = settings or BodySettings()
+    projections, work = rig.projections(), FrameBuffers(sequence.skeleton, JointSettings())
     start = sequence if lengths is None else with_stand_ins(sequence, lengths)
     if bodies is None:
-        bodies = bodies_from_poses(start, settings, joint_settings)
+        bodies = bodies_from_poses(start, settings)
     # keypoints of one body: among fused ones that do not belong together, rays may lead to a pose that explains only a few
     near = _Points(start, settings.most_sigma_m)
     _fit(start, _points_of(start), settings, bodies, work, near)
@@ -127,7 +125,7 @@ def fit_views(
     def measured(i: int, n: int, at: Array) -> Measurement:
         return seen_by(blocks.at(i), i, n, at)
 
-    poses = _Poses(sequence, settings, joint_settings, with_joints=not in_place, in_place=in_place)
+    poses = _Poses(sequence, settings, with_joints=not in_place, in_place=in_place)
     return poses.fit(_fit(sequence, measured, settings, bodies, work, poses, by_rays=True))
 
 
@@ -205,11 +203,9 @@ class _Points:
 class _Poses(_Points):
     """The poses of a sequence, and the joints if wanted, into which fits are written."""
 
-    def __init__(
-        self, sequence: PoseSequence, settings: BodySettings, joint_settings: JointSettings, *, with_joints: bool, in_place: bool
-    ) -> None:
+    def __init__(self, sequence: PoseSequence, settings: BodySettings, *, with_joints: bool, in_place: bool) -> None:
         super().__init__(sequence, settings.most_sigma_m)
-        self._with_joints, self._in_place, self._joint_settings = with_joints, in_place, joint_settings
+        self._with_joints, self._in_place = with_joints, in_place
         self._planes: list[Array] = []
 
     def write(self, i: int, n: int, at: Array, fitted: Fitted) -> None:
@@ -248,7 +244,7 @@ class _Poses(_Points):
 
     def _before(self) -> list[Array]:
         poses = self._sequence
-        joints = joints_from_poses(poses if self._with_joints else poses.people(slice(0)), self._joint_settings)
+        joints = joints_from_poses(poses if self._with_joints else poses.people(slice(0)))
         frames = joints.world_from_segment
         return [poses.xyz_world, poses.cov_world, poses.kind, frames.wxyz, frames.xyz, joints.angle_rad, joints.sigma_rad]
 

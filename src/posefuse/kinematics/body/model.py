@@ -11,7 +11,7 @@ from posefuse.core.arrays import SIGMA_PER_MAD, Array
 from posefuse.core.skeleton import LIMB_ENDS, SIDES
 from posefuse.kinematics.definitions import SEGMENT_NAMES, landmark_pairs
 from posefuse.kinematics.joints import joints_from_poses
-from posefuse.kinematics.settings import BodySettings, JointSettings
+from posefuse.kinematics.settings import BodySettings
 from posefuse.kinematics.sides import landmarks
 
 from . import tree_kernels
@@ -69,9 +69,7 @@ class BodyModel:
         return [node.name for node in self.nodes].index(name)
 
 
-def bodies_from_poses(
-    sequence: PoseSequence, settings: BodySettings | None = None, joint_settings: JointSettings | None = None
-) -> dict[int, BodyModel]:
+def bodies_from_poses(sequence: PoseSequence, settings: BodySettings | None = None) -> dict[int, BodyModel]:
     """Each person's skeleton, by person_id, from all the time steps they were seen.
 
     Lengths are medians over time, freed of the part that noise adds (a noisy distance is too long on average). What a
@@ -84,7 +82,7 @@ def bodies_from_poses(
         InputError: that is so of everybody; left and right are swapped.
     """
     # the angles go at once: of an hour they take much memory
-    rotation, chosen = joints_from_poses(sequence, joint_settings).world_from_segment.matrix(), settings or BodySettings()
+    rotation, chosen = joints_from_poses(sequence).world_from_segment.matrix(), settings or BodySettings()
     bodies = {
         person: body_from_frames(
             sequence.skeleton, sequence.xyz_world[:, n], sequence.cov_world[:, n], rotation[:, n], chosen.symmetric

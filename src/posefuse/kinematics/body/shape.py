@@ -7,12 +7,13 @@ is solved and eliminated (Schur complement), and the lengths that are left are f
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
 from posefuse.core import PoseSequence, Skeleton
 from posefuse.core.arrays import Array, give_away
+from posefuse.core.joint_centres import LengthPrior
 from posefuse.core.skeleton import SIDES
 from posefuse.core.view_sequences import nearest_frames
 from posefuse.kinematics.joints import FrameBuffers
@@ -36,20 +37,6 @@ _CONVERGED_M = 2e-4
 _WEAK = 1e-4
 # standard deviations from the mean of people beyond which a length is a mistake
 _MOST_UNUSUAL = 4.0
-
-
-@dataclass(frozen=True, eq=False, kw_only=True)
-class LengthPrior:
-    """What is known of people's segments before a person is seen.
-
-    Attributes:
-        names: of (S) segments: upper_arm, forearm, thigh, shank, shoulders, hips, trunk, in any order.
-        mean_m, cov_m2: (S,) and (S, S).
-    """
-
-    names: tuple[str, ...]
-    mean_m: Array
-    cov_m2: Array
 
 
 def with_solved_lengths(

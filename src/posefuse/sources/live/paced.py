@@ -9,8 +9,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from posefuse.core import Frame
-from posefuse.core.encoded import EncodedFrame
-from posefuse.sources.arriving import Arrived, with_earlier
+from posefuse.core.frames import EncodedFrame
+from posefuse.sources.arriving import with_earlier
 from posefuse.sources.video import VideoConfig, VideoSource
 
 # decoding takes time, too; the first frame may be this late, because its successor is unknown
@@ -55,15 +55,11 @@ class PacedVideoSource:
 
     def frames(self) -> Iterator[Frame]:
         """Frames in time order; `received_ns` is when a frame was handed on, on the file's own clock."""
-        return (arrived.frame() for arrived in self.arriving())
-
-    def arriving(self) -> Iterator[Arrived]:
-        """See `UnconvertedSource`."""
         zero_ns = self._config.zero_ns if self._config.zero_ns is not None else time.monotonic_ns()
         period_ns, before_ns, given_s = _FIRST_NS, None, time.monotonic()
-        frame: Arrived | None = None
+        frame: Frame | None = None
         left_out: list[tuple[int, EncodedFrame | None]] = []
-        for frame in self._video.arriving():
+        for frame in self._video.frames():
             period_ns = frame.t_ns - before_ns if before_ns is not None else period_ns
             before_ns = frame.t_ns
             now_ns = time.monotonic_ns() - zero_ns
@@ -83,6 +79,6 @@ class PacedVideoSource:
         self._video.close()
 
 
-def _given(frame: Arrived, left_out: Sequence[tuple[int, EncodedFrame | None]], zero_ns: int) -> Arrived:
+def _given(frame: Frame, left_out: Sequence[tuple[int, EncodedFrame | None]], zero_ns: int) -> Frame:
     received_ns = time.monotonic_ns() - zero_ns
-    return dataclasses.replace(frame, received_ns=received_ns, encoded=with_earlier(frame, left_out))
+    return dataclasses.replace(frame, image=frame.pixels, received_ns=received_ns, encoded=with_earlier(frame, left_out))

@@ -21,7 +21,7 @@ from posefuse.core import Frame, SourceError
 from posefuse.core.errors import choices
 from posefuse.formats.pixels import DecodedPixels, PixelConverter
 from posefuse.foundation.platform import usb_camera_address, usb_camera_format, usb_cameras
-from posefuse.sources.arriving import Arrived, decoded_with_packets
+from posefuse.sources.arriving import decoded_with_packets
 
 _FOLLOW_NS = 10_000_000_000
 # videos have times in microseconds
@@ -73,22 +73,18 @@ class StreamSource:
         self._times = StampClock(round(config.delay_s * 1e9))
         self._seq = 0
         self._epoch_ns = time.time_ns() - time.monotonic_ns()
-        self._first: Arrived | None = self._next()
+        self._first: Frame | None = self._next()
         # one that cannot be converted shows now
-        self.size_wh = self._first.frame().size_wh
+        self.size_wh = self._first.converted().size_wh
 
     def frames(self) -> Iterator[Frame]:
         """Frames as they come; raises SourceError when they stop coming or change size."""
-        return (arrived.frame() for arrived in self.arriving())
-
-    def arriving(self) -> Iterator[Arrived]:
-        """See `UnconvertedSource`."""
         if self._first is not None:
             first, self._first = self._first, None
             yield first
         while self._container is not None:
             frame = self._next()
-            if (size_wh := frame.pixels.size_wh) != self.size_wh:
+            if (size_wh := frame.size_wh) != self.size_wh:
                 raise SourceError(f"{self._where}: frames were {self.size_wh}, now {size_wh} px")
             yield frame
 
@@ -102,7 +98,7 @@ class StreamSource:
     def _where(self) -> str:
         return f"{self._config.where}: camera {self.camera}"
 
-    def _next(self) -> Arrived:
+    def _next(self) -> Frame:
         try:
             decoded, encoded = next(self._decoded)
         except StopIteration:
@@ -115,12 +111,12 @@ class StreamSource:
         stamp_ns = None if decoded.pts is None else round(decoded.pts * decoded.time_base * 1_000_000_000)
         t_ns = self._times.placed(stamp_ns, now_ns)
         self._seq += 1
-        return Arrived(
+        return Frame(
             camera=self.camera,
             seq=self._seq - 1,
             t_ns=t_ns,
             received_ns=now_ns,
-            pixels=DecodedPixels(decoded, self._converter),
+            image=DecodedPixels(decoded, self._converter),
             encoded=encoded,
         )
 

@@ -186,7 +186,8 @@ def _actors(live: LiveScene, rate_hz: float, folder: Path) -> tuple[list[tuple[s
 
 
 def _bones(live: LiveScene, i: int) -> Callable[[Array], Array]:
-    return lambda t_s: live.bones(t_s)[i]
+    alone = replace(live, people=(live.people[i],))
+    return lambda t_s: alone.bones(t_s)[0]
 
 
 def _prop_poses(live: LiveScene, i: int) -> Callable[[Array], Array]:

@@ -17,6 +17,7 @@ from posefuse.core import JointAngles, PosefuseError
 from posefuse.core.arrays import Array
 from posefuse.core.joint_angles import angle_labels
 from posefuse.core.palette import LEFT, MIDDLE, RIGHT
+from posefuse.core.skeleton import SIDES
 from posefuse.foundation.parsing import plain
 from posefuse.foundation.plugins import list_plugins
 from posefuse_studio.player import ResultPlayer, angles_and_strikes, open_recording
@@ -29,7 +30,6 @@ _POLL_S = 0.1
 _NO_VIDEOS = "No videos of this recording were found in the workspace: none were kept, they are elsewhere, or were not finished."
 _PAGE_S = 1.0
 _SPEEDS = {0.25: "¼", 0.5: "½", 1.0: "1×", 2.0: "2×"}
-_SIDES = ("left", "right")
 _FIRST_FORMATS = ("trc", "c3d", "csv")
 
 
@@ -198,7 +198,7 @@ def _curve(joints: JointAngles, n: int, text: str) -> Curve:
     """An angle of the person at place n, by the words that choose it."""
     joint, angle = text.split(" ", 1)
     side = joint.split("_")[0]
-    return Curve(words(text), joints.of(int(joints.person_id[n]))[joint, angle].deg, side if side in _SIDES else "mid")
+    return Curve(words(text), joints.of(int(joints.person_id[n]))[joint, angle].deg, side if side in SIDES else "mid")
 
 
 _ALL = "all cameras (a bad stretch)"
