@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 from built import turned
+from checks import refusal
 
 from bench.faults import command_cases, file_cases, good_sessions, person_cases, prop_cases, verify_cases
 from bench.faults.verdict import RIGHT, SILENT, verdict
@@ -100,8 +101,7 @@ def test_a_refused_rig_is_marked_in_its_file(lab: Any, tmp_path: Path) -> None:
     ],
 )
 def test_a_length_that_cannot_be_is_refused(known: dict[str, Any], said: str) -> None:
-    with pytest.raises(CalibrationError, match=said):
-        KnownLength(**known)
+    refusal(CalibrationError, said, KnownLength, **known)
     assert KnownLength(stature_m=1.2).stature_m == 1.2
 
 

@@ -8,7 +8,7 @@ from pathlib import Path
 import built
 import numpy as np
 import pytest
-from checks import assert_same
+from checks import assert_same, refusal
 
 from posefuse.cli.main import main
 from posefuse.core import (
@@ -219,8 +219,7 @@ def test_a_file_damaged_in_the_middle_is_read_up_to_there(tmp_path: Path, rig: R
     # before the first pose there is nothing to keep
     raw[:8] = bytes(8)
     (tmp_path / "b.mcap").write_bytes(raw)
-    with pytest.raises(SourceError, match=r"b\.mcap: "):
-        read_live_recording(tmp_path / "b.mcap", lines.append)
+    refusal(SourceError, r"b\.mcap: ", read_live_recording, tmp_path / "b.mcap", lines.append)
 
 
 def test_parts_are_joined_in_order_without_overlap(tmp_path: Path, rig: Rig) -> None:
@@ -240,8 +239,7 @@ def test_parts_are_joined_in_order_without_overlap(tmp_path: Path, rig: Rig) -> 
     np.testing.assert_array_equal(*times)
     record(tmp_path / "other.mcap", rig, frames, poses, replace(CONFIG, rate_hz=50.0))
     (tmp_path / "other.mcap").rename(tmp_path / "a.13.mcap")
-    with pytest.raises(InputError, match=r"a\.13\.mcap: is a part of another session"):
-        read_live_recording(tmp_path / "a.mcap", lines.append)
+    refusal(InputError, r"a\.13\.mcap: is a part of another session", read_live_recording, tmp_path / "a.mcap", lines.append)
 
 
 def test_the_table_of_joint_centres_is_that_of_the_session(tmp_path: Path, rig: Rig) -> None:
@@ -268,17 +266,13 @@ def test_names_given_in_the_session_are_those_of_the_recording(tmp_path: Path, r
 
 def test_what_is_no_live_recording_is_refused(tmp_path: Path, rig: Rig) -> None:
     (tmp_path / "text.mcap").write_text("no")
-    with pytest.raises(SourceError, match="cannot be read as MCAP"):
-        read_result(tmp_path / "text.mcap")
+    refusal(SourceError, "cannot be read as MCAP", read_result, tmp_path / "text.mcap")
     Recorder(tmp_path / "empty.mcap").close()
-    with pytest.raises(InputError, match="holds no pose"):
-        read_result(tmp_path / "empty.mcap")
+    refusal(InputError, "holds no pose", read_result, tmp_path / "empty.mcap")
     (tmp_path / "a.trc").write_text("no")
-    with pytest.raises(InputError, match="expected a result folder"):
-        read_result(tmp_path / "a.trc")
+    refusal(InputError, "expected a result folder", read_result, tmp_path / "a.trc")
     record(tmp_path / "blind.mcap", rig, [], poses_of(3))
-    with pytest.raises(InputError, match="no detections"):
-        solve_again(read_result(tmp_path / "blind.mcap"))
+    refusal(InputError, "no detections", lambda: solve_again(read_result(tmp_path / "blind.mcap")))
 
 
 @pytest.mark.parametrize(("lost", "jitter_ns"), [(0.0, 0), (0.4, 0), (0.7, 0), (0.5, 3e6)])
@@ -304,8 +298,7 @@ def test_each_time_step_has_the_nearest_frame_and_no_frame_is_at_two(rig: Rig) -
             [chosen] = np.flatnonzero(log.frame_step[mine] == step) if late_ns.min() < 25 else [None]
             assert chosen is None or late_ns[chosen] == late_ns.min()
     assert (np.abs(log.frame_t_ns - log.step_t_ns[log.frame_step])[log.frame_step != LIVE_STEP] <= 25).all()
-    with pytest.raises(ShapeError, match="no camera cam00; there are: x"):
-        observations_from_frames(COCO17, ("x",), frames[:1])
+    refusal(ShapeError, "no camera cam00; there are: x", observations_from_frames, COCO17, ("x",), frames[:1])
 
 
 def test_commands_take_a_live_recording(tmp_path: Path, rig: Rig, capsys: pytest.CaptureFixture) -> None:

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from checks import refusal
 
 from posefuse.core import SKELETONS, ConfigError
 from posefuse.foundation.settings import settings_from_mapping
@@ -195,8 +196,7 @@ def test_a_hand_follows_its_path_wherever_the_person_stands(body: SimulatedBody,
     ("path", "text"), [([[0, 0.9, 0.0, 1.0]], "right wrist does not reach"), ([PATH[1], PATH[0]], "times that increase")]
 )
 def test_a_path_no_hand_can_follow_is_refused(body: SimulatedBody, path: list, text: str) -> None:
-    with pytest.raises(ConfigError, match=text):
-        person(body, kind="hand_path", path=path)
+    refusal(ConfigError, text, person, body, kind="hand_path", path=path)
 
 
 def test_segments_and_angles_belong_together(body: SimulatedBody) -> None:

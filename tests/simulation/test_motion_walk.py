@@ -4,6 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import pytest
+from checks import refusal
 
 from posefuse.core import SKELETONS, ConfigError
 from posefuse.foundation.settings import settings_from_mapping
@@ -207,8 +208,7 @@ def test_same_seed_same_bytes(body: SimulatedBody) -> None:
     ],
 )  # fmt: skip
 def test_paths_that_cannot_be_walked(body: SimulatedBody, path: dict, speed: float, text: str) -> None:
-    with pytest.raises(ConfigError, match=text):
-        walk(body, path, speed, np.zeros(1))
+    refusal(ConfigError, text, walk, body, path, speed, np.zeros(1))
 
 
 def test_short_legs_cannot_walk_as_fast() -> None:

@@ -3,6 +3,7 @@
 import cv2
 import numpy as np
 import pytest
+from checks import refusal
 
 from posefuse.core import ConfigError
 from posefuse.core.ideal_image import optics_of
@@ -81,5 +82,4 @@ def test_a_lens_that_sees_behind_the_image_plane_is_refused_by_name():
         size_px=(800, 800), lens="fisheye", K=((220.0, 0, 400.0), (0, 220.0, 400.0), (0, 0, 1.0)), distortion=(0, 0, 0, 0)
     )
     live = live_scene(_scene(wide, GroundTile(kind="ground_tile")))
-    with pytest.raises(ConfigError, match=r"camera eye: its lens sees .* longer focal length"):
-        optics_of(live.rig.cameras[0])
+    refusal(ConfigError, r"camera eye: its lens sees .* longer focal length", optics_of, live.rig.cameras[0])

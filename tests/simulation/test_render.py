@@ -7,6 +7,7 @@ import sys
 import cv2
 import numpy as np
 import pytest
+from checks import refusal
 
 from posefuse.core import SE3, DependencyError, Frame
 from posefuse.core.skeleton import ANATOMICAL23, pick_keypoints
@@ -149,8 +150,7 @@ def test_without_opengl_or_the_extra_the_error_names_what_is_missing(monkeypatch
     monkeypatch.setattr(backends, "_why_not", lambda name: reason)
     backends._first_working.cache_clear()
     try:
-        with pytest.raises(DependencyError, match=named):
-            backends.working_backend()
+        refusal(DependencyError, named, backends.working_backend)
     finally:
         backends._first_working.cache_clear()
 

@@ -9,6 +9,7 @@ from typing import Any
 import cv2
 import numpy as np
 import pytest
+from checks import refusal
 
 from posefuse.api.calibration_results import RigCalibration, saved_clocks
 from posefuse.api.values import rig_of
@@ -276,8 +277,7 @@ def test_a_calculation_refuses_the_target_of_another_step(tmp_path: Path) -> Non
     save_project(workspace, READY)
     cube, _ = print_targets(workspace, SIZES, "a4", "intrinsics")
     arguments = {"step": "verify", "folder": READY.folder, "recording": recorded(workspace, "verify"), "target": cube}
-    with pytest.raises(InputError, match="a board for the lenses and the verification"):
-        calibrate.run(arguments, workspace, None)
+    refusal(InputError, "a board for the lenses and the verification", calibrate.run, arguments, workspace, None)
 
 
 def test_lights_turn_good_as_things_are_known() -> None:

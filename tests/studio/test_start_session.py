@@ -4,6 +4,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from checks import refusal
 
 from posefuse.core import InputError
 from posefuse_studio import jobs as jobs_module
@@ -47,6 +48,5 @@ def test_a_session_takes_cameras_that_are_only_looked_at(jobs: Jobs) -> None:
 
 def test_a_session_waits_for_a_calibration_that_is_recorded(jobs: Jobs) -> None:
     recording = jobs.start(WATCH, "Recording calibrations/room/verify-1", {"record": "calibrations/room/verify-1"})
-    with pytest.raises(InputError, match=r"Recording calibrations/room/verify-1.*stop it first"):
-        jobs.start(LIVE, "one", {})
+    refusal(InputError, r"Recording calibrations/room/verify-1.*stop it first", jobs.start, LIVE, "one", {})
     assert not cancelled(jobs, recording.id) and jobs.running(LIVE) == []
