@@ -116,23 +116,6 @@ def test_a_message_too_long_is_refused_unread(some_detections):
     assert f"at most {len(raw) - 1} bytes" in intake.counts.last_refusal
 
 
-def test_noise_never_crashes(some_detections):
-    """Cut, flipped and random bytes: each is a checked value or a counted refusal."""
-    rng = np.random.default_rng(5)
-    raw = encode(messages.message_from_detections(some_detections(), STAGES))
-    intake = Intake(messages.DETECTIONS_TYPE, messages.detections_from_message)
-    for _ in range(1500):
-        data = bytearray(raw[: rng.integers(0, len(raw) + 1)] if rng.random() < 0.3 else raw)
-        for place in rng.integers(0, max(len(data), 1), rng.integers(0, 6)):
-            data[place : place + 4] = rng.bytes(4)
-        intake.take(bytes(data))
-    for size in rng.integers(0, 300, 500):
-        intake.take(b"\0\1\0\0" + rng.bytes(int(size)))
-    assert intake.counts.accepted + intake.counts.refused == 2000
-    assert intake.counts.refused > 1000
-    assert intake.counts.accepted > 0
-
-
 def test_a_list_of_impossible_length_is_refused_immediately():
     pytest.importorskip("rosbags", reason="the extra `ros` is not installed")
     intake = Intake(messages.DETECTIONS_TYPE, messages.detections_from_message)

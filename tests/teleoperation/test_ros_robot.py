@@ -120,15 +120,6 @@ def test_joints_of_our_inverse_kinematics_go_to_a_controller(tmp_path, controlle
         robot.close()
 
 
-def test_a_robot_that_falls_silent_has_a_fault():
-    with robot_node():
-        robot = open_ros_robot("pose", PLAN, None, ("tool",), SETTINGS)
-        assert not robot.state().fault
-    time.sleep(0.4)
-    assert "nothing new" in robot.state().fault
-    robot.close()
-
-
 def test_what_cannot_be_is_refused_in_one_line():
     refusal(ConfigError, "the model of the robot", open_ros_robot, "joints", PLAN, None, ("tool",), SETTINGS)
 
