@@ -41,6 +41,20 @@ def done(workspace: StudioWorkspace, run: Callable[..., Mapping[str, Any]], monk
     return Jobs(workspace).report("one")
 
 
+def stored_job(workspace: StudioWorkspace, job: str, state: Mapping[str, Any] | None = None, **task: Any) -> Path:
+    """The folder of a job with its files; without a state it has not reported."""
+    folder = workspace.folder(f"{JOBS_FOLDER}/{job}")
+    write_stored(folder / "job.json", {"id": "other", "work": "report", "title": "T", "arguments": {}, **task})
+    if state is not None:
+        write_stored(folder / "state.json", state)
+    return folder
+
+
+def ended(workspace: StudioWorkspace, number: int, **task: Any) -> str:
+    """A job that is done."""
+    return stored_job(workspace, f"20260101-{number:06d}-report", {"state": "done", "reported_s": 1.0}, **task).name
+
+
 def test_progress_news_and_result_are_reported(workspace: StudioWorkspace, monkeypatch: pytest.MonkeyPatch) -> None:
     def run(arguments: Mapping[str, Any], place: StudioWorkspace, progress: Any) -> Mapping[str, Any]:
         progress("detect", 1, 4, "half a word")
@@ -87,9 +101,7 @@ def test_a_job_whose_workspace_was_deleted_ends(workspace: StudioWorkspace, monk
 
 def test_a_job_that_stopped_reporting_is_lost_with_its_last_words(workspace: StudioWorkspace) -> None:
     jobs = Jobs(workspace)
-    folder = workspace.folder(f"{JOBS_FOLDER}/old")
-    write_stored(folder / "job.json", {"id": "old", "work": "track", "title": "T", "arguments": {}, "begun_s": time.time() - 500})
-    write_stored(folder / "state.json", {"state": "running", "reported_s": time.time()})
+    folder = stored_job(workspace, "old", {"state": "running", "reported_s": time.time()}, begun_s=time.time() - 500)
     assert jobs.report("old").state == "running" and [job.id for job in jobs.running()] == ["old"]
     jobs = Jobs(workspace)
     write_stored(folder / "state.json", {"state": "running", "reported_s": time.time() - 100})
@@ -102,8 +114,8 @@ def test_a_job_that_stopped_reporting_is_lost_with_its_last_words(workspace: Stu
 def test_a_job_that_reports_is_not_lost_when_the_clock_is_set(
     workspace: StudioWorkspace, monkeypatch: pytest.MonkeyPatch, jump_s: float
 ) -> None:
-    folder, jobs, real = workspace.folder(f"{JOBS_FOLDER}/one"), Jobs(workspace), time.time
-    write_stored(folder / "job.json", {"id": "one", "work": "track", "title": "T", "arguments": {}, "begun_s": real()})
+    jobs, real = Jobs(workspace), time.time
+    stored_job(workspace, "one", begun_s=real())
     reporter = job_process.JobReporter(workspace, "one")
     try:
         before = jobs.report("one")
@@ -120,10 +132,9 @@ def test_a_job_that_reports_is_not_lost_when_the_clock_is_set(
 def test_a_report_of_before_the_clock_was_set_counts_from_when_it_is_read(
     workspace: StudioWorkspace, monkeypatch: pytest.MonkeyPatch, jump_s: float
 ) -> None:
-    folder, jobs, real = workspace.folder(f"{JOBS_FOLDER}/one"), Jobs(workspace), time.time
-    write_stored(folder / "job.json", {"id": "one", "work": "track", "title": "T", "arguments": {}, "begun_s": real()})
+    jobs, real = Jobs(workspace), time.time
     for i in range(2):
-        write_stored(folder / "state.json", {"state": "running", "reported_s": real() + i})
+        stored_job(workspace, "one", {"state": "running", "reported_s": real() + i}, begun_s=real())
         assert jobs.report("one").state == "running"
         monkeypatch.setattr(time, "time", lambda: real() + jump_s)
 
@@ -137,15 +148,6 @@ def test_damaged_state_is_no_trouble(workspace: StudioWorkspace) -> None:
         jobs.report("../x")
 
 
-def ended(workspace: StudioWorkspace, number: int, **task: Any) -> str:
-    """A job that is done."""
-    job = f"20260101-{number:06d}-report"
-    folder = workspace.folder(f"{JOBS_FOLDER}/{job}")
-    write_stored(folder / "job.json", {"id": "other", "work": "report", "title": "T", "arguments": {}, **task})
-    write_stored(folder / "state.json", {"state": "done", "reported_s": 1.0})
-    return job
-
-
 def test_what_has_ended_is_read_once(workspace: StudioWorkspace, monkeypatch: pytest.MonkeyPatch) -> None:
     names = [ended(workspace, number) for number in range(500)]
     jobs, read = Jobs(workspace), list[Path]()
@@ -156,9 +158,7 @@ def test_what_has_ended_is_read_once(workspace: StudioWorkspace, monkeypatch: py
         assert [job.id for job in jobs.all()] == names[::-1] and jobs.report(names[0]).ended
     assert len(read) == 2 * len(names)
     # a new one is seen, and read again until it ends
-    folder = workspace.folder(f"{JOBS_FOLDER}/20260102-000000-report")
-    write_stored(folder / "job.json", {"work": "report", "title": "T", "arguments": {}})
-    write_stored(folder / "state.json", {"state": "running", "reported_s": time.time()})
+    folder = stored_job(workspace, "20260102-000000-report", {"state": "running", "reported_s": time.time()})
     assert [job.id for job in jobs.running()] == [folder.name]
     write_stored(folder / "state.json", {"state": "done"})
     assert jobs.running() == []
@@ -166,13 +166,10 @@ def test_what_has_ended_is_read_once(workspace: StudioWorkspace, monkeypatch: py
 
 @pytest.mark.parametrize("reported_s", [1e18, float("inf"), float("nan"), -1e18, "yesterday", [1]])
 def test_a_time_that_cannot_be_is_of_no_running_job(workspace: StudioWorkspace, reported_s: Any) -> None:
-    folder = workspace.folder(f"{JOBS_FOLDER}/one")
-    write_stored(folder / "job.json", {"work": "live", "title": "T", "arguments": {}, "begun_s": reported_s})
-    write_stored(folder / "state.json", {"state": "running", "reported_s": reported_s})
+    stored_job(workspace, "one", {"state": "running", "reported_s": reported_s}, begun_s=reported_s)
     assert Jobs(workspace).running() == []
     # a clock that was set back a little is no reason
-    write_stored(folder / "job.json", {"work": "live", "title": "T", "arguments": {}, "begun_s": time.time() + 5})
-    write_stored(folder / "state.json", {"state": "running", "reported_s": time.time() + 5})
+    stored_job(workspace, "one", {"state": "running", "reported_s": time.time() + 5}, begun_s=time.time() + 5)
     assert [job.id for job in Jobs(workspace).running()] == ["one"]
 
 
