@@ -4,9 +4,9 @@ import dataclasses
 import subprocess
 import sys
 
-import cv2
 import numpy as np
 import pytest
+from calibrating import refined
 from checks import refusal
 
 from posefuse.core import SE3, DependencyError, Frame
@@ -52,12 +52,6 @@ def flies(monkeypatch):
     monkeypatch.setattr(build, "poses_on_path", poses)
 
 
-def _refined(image: np.ndarray, guess: np.ndarray) -> np.ndarray:
-    stop = (cv2.TERM_CRITERIA_EPS + cv2.TERM_CRITERIA_MAX_ITER, 60, 1e-3)
-    grey = cv2.cvtColor(image, cv2.COLOR_RGB2GRAY)
-    return cv2.cornerSubPix(grey, guess.astype(np.float32).reshape(-1, 1, 2).copy(), (4, 4), (-1, -1), stop)[:, 0]
-
-
 @pytest.mark.gl
 def test_a_rolling_shutter_shears_moving_parts_as_the_truth_states(shots):
     rolling = _scene(readout_s=0.03, shutter_bands=60)
@@ -68,7 +62,7 @@ def test_a_rolling_shutter_shears_moving_parts_as_the_truth_states(shots):
     frozen = seen_points(live_scene(_scene()), 0, slice(frame, frame + 1)).xy_img[0, chess]
     # the top and the bottom of the picture are seen at different moments
     assert np.ptp((expected - frozen)[:, 0]) > 8
-    error = _refined(shot.image, expected) - expected
+    error = refined(shot.image, expected, 4) - expected
     assert np.abs(error).max() < 0.5
     assert np.linalg.norm(error.mean(axis=0)) < 0.1
 

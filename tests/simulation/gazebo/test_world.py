@@ -10,6 +10,7 @@ import cv2
 import numpy as np
 import pytest
 import yaml
+from calibrating import refined
 from checks import refusal
 
 from posefuse.core import SE3, Camera, ConfigError, InputError
@@ -254,10 +255,7 @@ def test_the_lens_at_intake_makes_our_picture_of_an_ideal_one(written, draw, rea
     assert np.abs(ours.astype(int) - taken_in).mean() < 0.3 and _shift_px(ours, taken_in) < 0.05
     # and where the board is seen, its corners are where the rig's lens puts them
     expected = _corners(written, camera)
-    grey = cv2.cvtColor(taken_in, cv2.COLOR_RGB2GRAY)
-    stop = (cv2.TERM_CRITERIA_EPS + cv2.TERM_CRITERIA_MAX_ITER, 60, 1e-3)
-    found = cv2.cornerSubPix(grey, expected.astype(np.float32).reshape(-1, 1, 2).copy(), (2, 2), (-1, -1), stop)[:, 0]
-    assert np.linalg.norm((found - expected).mean(axis=0)) < 0.2
+    assert np.linalg.norm((refined(taken_in, expected, 2) - expected).mean(axis=0)) < 0.2
 
 
 def _corners(written, camera):
