@@ -1,4 +1,4 @@
-"""What refuses a calibration, and by which name: faults of recordings, limits, causes, sizes, single cameras, rigs that are kept."""
+"""What refuses a calibration, and by which name: faults of recordings, limits, causes, sizes; rigs that are kept all the same."""
 
 from dataclasses import replace
 from pathlib import Path

@@ -5,7 +5,7 @@ import sys
 import time
 from pathlib import Path
 
-from checks import refusal
+import pytest
 from running import Lines, Running
 
 TESTS = Path(__file__).resolve().parents[1]
@@ -75,14 +75,17 @@ def test_a_line_that_never_comes_is_waited_for_no_longer_than_said() -> None:
     with Running(SAYS_AND_STAYS) as running:
         assert running.out.wait_for("hel+o")[0] == "hello"
         began_s = time.monotonic()
-        refusal(AssertionError, r"'bye' did not come within 0.3 s in: hello", running.out.wait_for, "bye", 0.3)
+        with pytest.raises(AssertionError, match=r"'bye' did not come within 0.3 s in: hello"):
+            running.out.wait_for("bye", 0.3)
         assert time.monotonic() - began_s < 30
-        refusal(AssertionError, r"still running after 0.1 s", running.finished, 0.1)
+        with pytest.raises(AssertionError, match=r"still running after 0.1 s"):
+            running.finished(0.1)
 
 
 def test_the_end_of_the_output_ends_the_wait() -> None:
     with Running([sys.executable, "-c", "print('one'); print('two')"]) as running:
-        refusal(AssertionError, "'three' never came; the output ended: one\ntwo", running.out.wait_for, "three")
+        with pytest.raises(AssertionError, match="'three' never came; the output ended: one\ntwo"):
+            running.out.wait_for("three")
         assert running.finished() == ("one\ntwo\n", "")
         assert running.process.returncode == 0
     assert isinstance(running.out, Lines)

@@ -73,7 +73,7 @@ def test_a_person_in_front_hides_and_no_person_hides_the_side_that_is_seen():
 
 
 def test_the_own_body_hides_the_far_side():
-    people = straight(ANATOMICAL23)[None, None]
+    people = straight(ANATOMICAL23, elbow=(0.0, 0.25, 1.12), wrist=(0.0, 0.28, 0.88))[None, None]
     from_left = hidden_by_shapes(np.array([0.0, 5.0, 1.3]), people[:, 0], FLESH_M, (), people)[0]
     hidden = {name for name, is_hidden in zip(ANATOMICAL23.keypoints, from_left, strict=True) if is_hidden}
     assert {"right_shoulder", "right_hip", "right_ear"} <= hidden
