@@ -265,11 +265,7 @@ def standing() -> Callable[..., Pose3D]:
     """A person who stands at the origin and looks along +x; `moved` overrides keypoints."""
 
     def make(**moved: tuple[float, float, float]) -> Pose3D:
-        left = {
-            "shoulder": (0, 0.2, 1.4), "elbow": (0, 0.2, 1.1), "wrist": (0, 0.2, 0.85), "hip": (0, 0.1, 0.9),
-            "knee": (0, 0.1, 0.5), "ankle": (0, 0.1, 0.1), "ear": (0, 0.08, 1.6), "eye": (0.08, 0.03, 1.63),
-        }  # fmt: skip
-        xyz = built.of_sides(COCO17, left, nose=(0.1, 0.0, 1.6))
+        xyz = built.straight()
         for name, place in moved.items():
             xyz[COCO17.index(name)] = place
         return built.pose(xyz[None], [1], 5_000_000_000)

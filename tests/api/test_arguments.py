@@ -69,8 +69,7 @@ def test_a_value_of_another_kind_is_refused_by_name(given: dict[str, Any], messa
 def test_what_fits_passes_and_other_errors_are_those_of_python() -> None:
     assert example("a", flag=False, count=3, names=("trc",), settings={"a": 1}) == "a"
     assert example("a", count=None, settings=None) == "a"
-    with pytest.raises(TypeError, match="unexpected keyword argument 'flags'"):
-        example("a", flags=True)
+    refusal(TypeError, "unexpected keyword argument 'flags'", example, "a", flags=True)
 
 
 def test_a_result_is_not_taken_for_a_session(make_recording: Callable[..., pf.Recording], tmp_path: Path) -> None:

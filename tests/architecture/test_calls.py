@@ -4,6 +4,7 @@ import ast
 from dataclasses import MISSING, fields
 
 import pytest
+from checks import refusal
 
 import posefuse.core as core
 from packages import shown, source_files
@@ -46,5 +47,4 @@ def test_core_values_are_built_by_keyword_only(value: type) -> None:
     wanted = [one for one in fields(value) if one.init]
     assert wanted and all(one.kw_only for one in wanted), [one.name for one in wanted if not one.kw_only]
     required = [one for one in wanted if one.default is MISSING and one.default_factory is MISSING]
-    with pytest.raises(TypeError, match="positional"):
-        value(*(None for _ in required))
+    refusal(TypeError, "positional", value, *(None for _ in required))

@@ -16,6 +16,7 @@ from typing import Any
 import matplotlib
 import pytest
 import yaml
+from checks import refusal
 
 import posefuse as pf
 import posefuse.api.track
@@ -109,8 +110,7 @@ def test_what_a_plugin_cannot_do_is_an_error_before_any_work(monkeypatch: pytest
         ({"detector.name": "lamp", "outputs.height.keypint": "nose"}, "unknown key 'keypint'; there are: keypoint"),
         ({"detector.name": "dict"}, "dict among detectors: dict lacks skeleton, joint_centres, detect of core.Detector"),
     ):
-        with pytest.raises(ConfigError, match=line):
-            pf.track("examples/demo", out=tmp_path / "out", formats=("height",), settings=settings)
+        refusal(ConfigError, line, pf.track, "examples/demo", out=tmp_path / "out", formats=("height",), settings=settings)
         assert not [*tmp_path.iterdir()]
 
 

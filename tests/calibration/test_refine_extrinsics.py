@@ -6,6 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from built import poses, turned, view_sequence
+from checks import refusal
 from synthetic_walk import BODY, walker
 
 from posefuse.calibration.extrinsics.refine import refined_extrinsics
@@ -103,8 +104,7 @@ def test_wild_keypoints_do_little_harm(ring_rig: Callable[..., Rig]) -> None:
 
 def test_views_that_cannot_be_used_are_refused(ring_rig: Callable[..., Rig]) -> None:
     rig = ring_rig(4)
-    with pytest.raises(InputError, match="expected views of cameras"):
-        refined_extrinsics(ring_rig(3), views_of(rig))
+    refusal(InputError, "expected views of cameras", lambda: refined_extrinsics(ring_rig(3), views_of(rig)))
     views = views_of(rig)
     with pytest.raises(InputError, match="no keypoint was seen by two cameras"):
         refined_extrinsics(rig, replace(views, score=np.zeros(views.score.shape)))

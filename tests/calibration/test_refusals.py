@@ -1,4 +1,4 @@
-"""What refuses a calibration, and by which name: limits, causes, sizes, single cameras of a rig, and rigs kept all the same."""
+"""What refuses a calibration, and by which name: faults of recordings, limits, causes, sizes; rigs that are kept all the same."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -8,23 +8,27 @@ from typing import Any
 import numpy as np
 import pytest
 from built import turned
+from calibrating import zoomed
+from checks import refusal
 
 from bench.faults import command_cases, file_cases, good_sessions, person_cases, prop_cases, verify_cases
 from bench.faults.verdict import RIGHT, SILENT, verdict
 from bench.faults.waved_props import Faults, Waving, board, cube, observe_prop
+from posefuse.calibration.extrinsics.bootstrap import rough_offsets
 from posefuse.calibration.extrinsics.causes import best_causes, cause_check
 from posefuse.calibration.extrinsics.freedoms import Freed
 from posefuse.calibration.extrinsics.pipeline import Options
-from posefuse.calibration.extrinsics.target import calibrate_extrinsics
+from posefuse.calibration.extrinsics.target import Calibration, calibrate_extrinsics
 from posefuse.calibration.person.scale import KnownLength
 from posefuse.calibration.report import Check, RefusedCalibration
 from posefuse.calibration.solving.bundle import clustered_covariance
-from posefuse.calibration.targets.kinds import Charuco, Markers
+from posefuse.calibration.targets.corners import CornerObservations
+from posefuse.calibration.targets.kinds import Charuco, Chessboard, Markers
 from posefuse.calibration.verify import verify
 from posefuse.core import SE3, CalibrationError, Rig
 from posefuse.formats.rig import read_placed_rig, read_rig, write_rig
 
-TOGETHER = Options(time_steps=60, clocks="together")
+FEWER_STEPS = Options(time_steps=60, clocks="together")
 
 
 def test_standard_errors_grow_where_blocks_share_errors_and_never_shrink() -> None:
@@ -73,14 +77,14 @@ def test_what_explains_little_is_not_named() -> None:
 def test_a_side_in_other_units_is_refused_before_and_after_the_solve(lab: Any) -> None:
     seen = lab.watch()
     with pytest.raises(RefusedCalibration, match=r"target has a plausible size: marker side 0\.24 mm"):
-        calibrate_extrinsics(seen, lab.rig.cameras, Markers(0.24e-3), TOGETHER)
+        calibrate_extrinsics(seen, lab.rig.cameras, Markers(0.24e-3), FEWER_STEPS)
     with pytest.raises(
         RefusedCalibration, match=r"rig has a plausible size: with a marker side of 24 mm .*`any_size=True`"
     ) as caught:
-        calibrate_extrinsics(seen, lab.rig.cameras, Markers(0.024), TOGETHER)
+        calibrate_extrinsics(seen, lab.rig.cameras, Markers(0.024), FEWER_STEPS)
     # it can be had on request, and says what it failed
     assert caught.value.kept.rig.refused == "rig has a plausible size"
-    small = replace(TOGETHER, any_size=True)
+    small = replace(FEWER_STEPS, any_size=True)
     assert calibrate_extrinsics(seen, lab.rig.cameras, Markers(0.024), small).rig.refused == ""
 
 
@@ -100,8 +104,7 @@ def test_a_refused_rig_is_marked_in_its_file(lab: Any, tmp_path: Path) -> None:
     ],
 )
 def test_a_length_that_cannot_be_is_refused(known: dict[str, Any], said: str) -> None:
-    with pytest.raises(CalibrationError, match=said):
-        KnownLength(**known)
+    refusal(CalibrationError, said, KnownLength, **known)
     assert KnownLength(stature_m=1.2).stature_m == 1.2
 
 
@@ -199,3 +202,198 @@ def test_a_camera_that_is_late_is_found_where_corners_spread_so_much_that_places
         calibrate_extrinsics(seen, rig.cameras, target, Options(time_steps=60, clocks="together"))
     found = calibrate_extrinsics(seen, rig.cameras, target, Options(time_steps=60, clocks="auto"))
     assert any("not synchronised" in note for note in found.report.notes)
+
+
+# --- everything people do wrong: each is solved to the truth or refused by name, never a wrong rig with success
+
+
+TOGETHER = Options(time_steps=100, clocks="together")
+
+
+def calibrated(lab: Any, seen: CornerObservations) -> Calibration:
+    return calibrate_extrinsics(seen, lab.rig.cameras, lab.target, TOGETHER)
+
+
+@pytest.fixture(scope="module")
+def plain(lab: Any) -> CornerObservations:
+    return lab.watch()
+
+
+@pytest.fixture(scope="module")
+def found(lab: Any, plain: CornerObservations) -> Calibration:
+    return calibrated(lab, plain)
+
+
+def test_the_rig_comes_out_true_and_its_standard_errors_are_honest(lab: Any, found: Calibration) -> None:
+    millimetres, degrees = lab.errors(found.rig)
+    assert millimetres.max() < 3.0
+    assert degrees.max() < 0.05
+    assert found.report.failed == ()
+    assert millimetres.max() < 5 * max(found.report.numbers[f"{name}_position_sigma_mm"] for name in lab.rig.names)
+    assert found.rig.residual_px == pytest.approx(0.25 * np.sqrt(2), rel=0.15)
+
+
+def test_the_same_input_gives_the_same_rig(lab: Any, plain: CornerObservations, found: Calibration) -> None:
+    assert calibrated(lab, plain).rig.id == found.rig.id
+    # the order in which cameras are named changes nothing but the order
+    again = calibrate_extrinsics(plain, lab.rig.cameras[::-1], lab.target, TOGETHER)
+    millimetres, _ = replace(lab, rig=found.rig).errors(again.rig)
+    assert millimetres.max() < 0.5
+
+
+def test_the_two_solutions_of_one_flat_marker_are_decided_by_other_views(lab: Any) -> None:
+    seen = observe_prop(lab.rig, {0: SE3.identity()}, lab.target, lab.motion, Faults())
+    found = calibrated(lab, seen)
+    millimetres, degrees = lab.errors(found.rig)
+    assert millimetres.max() < 8
+    assert degrees.max() < 0.1
+
+
+def test_a_marker_too_small_to_decide_is_refused(lab: Any, ring_rig: Any) -> None:
+    far, small = ring_rig(4, radius_m=6.0), Markers(0.16)
+    seen = observe_prop(far, {0: SE3.identity()}, small, lab.motion, Faults(noise_px=0.4))
+    with pytest.raises(RefusedCalibration, match=r"too small to show their slant|cannot be linked"):
+        calibrate_extrinsics(seen, far.cameras, small, TOGETHER)
+
+
+@pytest.mark.slow
+def test_a_mirrored_board_is_refused_by_name(lab: Any) -> None:
+    target = Charuco(columns=5, rows=7, square_m=0.12, marker_m=0.09)
+    seen = observe_prop(lab.rig, board(), target, lab.motion, Faults())
+    assert calibrate_extrinsics(seen, lab.rig.cameras, target, TOGETHER).report.failed == ()
+    mirrored = replace(seen, corner=(seen.corner // 4) * 4 + 3 - seen.corner % 4)
+    with pytest.raises(RefusedCalibration, match=r"mirrored: 0% of cam\d\d's views see the printed face"):
+        calibrate_extrinsics(mirrored, lab.rig.cameras, target, TOGETHER)
+
+
+def test_a_marker_with_a_wrong_id_now_and_then_does_no_harm(lab: Any, plain: CornerObservations) -> None:
+    wrong = (plain.patch == 3) & np.repeat(np.random.default_rng(0).random(len(plain) // 4) < 0.3, 4)
+    without_5 = replace(plain, patch=np.where(wrong, 5, plain.patch)).rows(plain.patch != 5)
+    found = calibrated(lab, without_5)
+    assert lab.errors(found.rig)[0].max() < 3.0
+
+
+def merged(a: CornerObservations, b: CornerObservations) -> CornerObservations:
+    """Corners of the same cameras as one recording."""
+    names = ("camera", "t_ns", "patch", "corner", "xy_img", "sharpness")
+    return replace(a, **{name: np.concatenate([getattr(a, name), getattr(b, name)]) for name in names})
+
+
+def in_camera(seen: CornerObservations, camera: int, **changed: np.ndarray) -> CornerObservations:
+    """Other arrays for the corners that one camera sees."""
+    mine = seen.camera == camera
+    others = {name: getattr(seen, name) for name in changed}
+    return replace(seen, **{n: np.where(mine.reshape(-1, *[1] * (a.ndim - 1)), a, others[n]) for n, a in changed.items()})
+
+
+def exchanged_markers(seen: CornerObservations) -> CornerObservations:
+    return in_camera(seen, 1, patch=np.where(np.isin(seen.patch, [1, 2]), 3 - seen.patch, seen.patch))
+
+
+def one_stream_twice(seen: CornerObservations) -> CornerObservations:
+    copy = seen.rows(seen.camera == 0)
+    return merged(seen.rows(seen.camera != 1), replace(copy, camera=np.ones(len(copy), np.int64)))
+
+
+@pytest.mark.parametrize(
+    ("fault", "words"),
+    [
+        pytest.param(exchanged_markers, "cam01", id="two markers exchanged in one camera"),
+        pytest.param(lambda seen: replace(seen, doubled=(("cam00", 2, 81),)), "marker 2 in 81 frames of cam00", id="equal props"),
+        pytest.param(lambda seen: seen.rows(seen.camera != 3), r"not found by cam03 \(0 of 360 frames\)", id="prop never seen"),
+        pytest.param(one_stream_twice, "videos differ: cam00 and cam01 show the same video", id="one stream twice"),
+    ],
+)
+def test_a_fault_of_the_recording_is_refused(lab: Any, plain: CornerObservations, fault: Any, words: str) -> None:
+    refusal(RefusedCalibration, words, lambda: calibrated(lab, fault(plain)))
+
+
+@pytest.mark.parametrize("watching", [(2,), (0, 1, 2, 3)], ids=["one camera", "all cameras"])
+def test_a_second_prop_is_left_out_and_named(lab: Any, plain: CornerObservations, watching: tuple[int, ...]) -> None:
+    motion = replace(lab.motion, seed=5, centre_m=(0.5, -0.4, 1.0))
+    second = observe_prop(lab.rig, cube(0.3, first_id=10), lab.target, motion, Faults(seed=3, missed=0.3))
+    alone = second.rows(np.isin(second.camera, watching))
+    found = calibrated(lab, merged(plain, alone))
+    assert lab.errors(found.rig)[0].max() < 3.0
+    left_out = [note.split(" left out")[0] for note in found.report.notes if "left out" in note]
+    assert left_out == [f"marker {i}" for i in range(10, 16)]
+
+
+def test_a_target_that_is_held_still_is_named_and_no_lens_is_blamed(lab: Any) -> None:
+    held = lab.watch(motion=replace(lab.motion, swings_hz=1e-9, seconds=4.0))
+    refusal(RefusedCalibration, r"^extrinsics: target moves: .* it is held still", calibrated, lab, held)
+
+
+def test_a_camera_that_is_moved_half_way_is_refused_by_name(lab: Any, plain: CornerObservations) -> None:
+    by_m = 0.3
+    cameras = list(turned(lab.rig, 2, [0, by_m / 4.5, 0]))
+    cameras[2] = replace(cameras[2], cam_from_world=cameras[2].cam_from_world @ SE3([1.0, 0, 0, 0], [by_m, 0, 0]))
+    after, middle_ns = lab.watch(rig=Rig(tuple(cameras))), round(lab.motion.seconds * 5e8)
+    mixed = merged(
+        plain.rows((plain.camera != 2) | (plain.t_ns < middle_ns)), after.rows((after.camera == 2) & (after.t_ns >= middle_ns))
+    )
+    refusal(RefusedCalibration, "cam02", calibrated, lab, mixed)
+
+
+def test_a_camera_that_turns_slowly_is_refused_by_name(lab: Any, plain: CornerObservations) -> None:
+    """Half a degree in all, in eight steps: in one rig corners spread hardly more than in one for each half."""
+    mixed, end_ns = plain.rows(plain.camera != 2), int(plain.t_ns.max()) + 1
+    for k in range(8):
+        seen = lab.watch(rig=Rig(turned(lab.rig, 2, np.deg2rad([0, 0, 0.5 * k / 7]))))
+        mixed = merged(mixed, seen.rows((seen.camera == 2) & (seen.t_ns * 8 // end_ns == k)))
+    refusal(RefusedCalibration, r"cause: cam02 was moved slowly: it turned by 0\.[4-6]\d deg", calibrated, lab, mixed)
+
+
+@pytest.mark.slow
+def test_an_image_that_is_stated_to_be_upside_down_does_no_harm(lab: Any, plain: CornerObservations) -> None:
+    turned = in_camera(plain, 1, xy_img=np.array(lab.rig.cameras[1].size_wh) - 1 - plain.xy_img)
+    found = calibrate_extrinsics(turned, lab.rig.cameras, lab.target, TOGETHER, upside_down=("cam01",))
+    apart_m = [np.linalg.norm(np.subtract(*rig.centres_world()[:2])) for rig in (found.rig, lab.rig)]
+    assert apart_m[0] == pytest.approx(apart_m[1], abs=0.005)
+
+
+@pytest.mark.parametrize("late_s", [(0.3, -0.3, 0.3, -0.3), (0.0, 1.2, -0.6, 0.35)])
+def test_cameras_that_are_all_late_are_found_to_half_a_step_of_the_search(lab: Any, late_s: tuple[float, ...]) -> None:
+    seen = lab.watch(Faults(delay_s=late_s))
+    found = rough_offsets(seen, lab.rig.cameras, lab.target)
+    np.testing.assert_allclose(found - found[0], np.array(late_s) - late_s[0], atol=0.05)
+
+
+def test_a_recording_of_a_second_determines_no_clock(lab: Any) -> None:
+    seen = lab.watch(motion=replace(lab.motion, seconds=1.0))
+    assert np.isnan(rough_offsets(seen, lab.rig.cameras, lab.target)).all()
+
+
+@pytest.mark.slow
+def test_cameras_that_are_late_in_turn_are_calibrated_with_their_clocks(lab: Any) -> None:
+    late_s = np.array([0.3, -0.3, 0.3, -0.3])
+    seen = lab.watch(Faults(delay_s=tuple(late_s)))
+    found = calibrate_extrinsics(seen, lab.rig.cameras, lab.target, Options(time_steps=60))
+    np.testing.assert_allclose(found.clocks.offset_s - found.clocks.offset_s[0], late_s - late_s[0], atol=2e-3)
+    assert lab.errors(found.rig)[0].max() < 5.0
+
+
+def test_unusable_input_is_refused_with_the_reason(lab: Any, plain: CornerObservations) -> None:
+    first, *_, last = lab.rig.cameras
+    for seen, cameras, target, words in (
+        (plain, lab.rig.cameras, Chessboard(5, 7, 0.1), "looks the same from both ends"),
+        (plain, (first,), lab.target, "expected at least 2 cameras, got 1"),
+        (plain.of_camera("cam00"), (first, last), lab.target, "no observations of camera cam03"),
+    ):
+        refusal(CalibrationError, words, calibrate_extrinsics, seen, cameras, target)
+
+
+@pytest.mark.slow
+def test_lenses_known_to_a_per_cent_are_refined_when_asked(lab: Any, plain: CornerObservations) -> None:
+    cameras = zoomed(lab.rig, 1, 1.01)
+    with pytest.raises(
+        RefusedCalibration, match=r"cam01's focal length would rather be -1\.\d%.*`focal_known_to_percent=3`"
+    ) as refused:
+        calibrate_extrinsics(plain, tuple(cameras), lab.target, TOGETHER)
+    held = refused.value.kept
+    focal = cameras[1].K[0, 0]
+    sigma = (0.01 * focal,) * 4 + (0.02, 0.02)
+    freed = calibrate_extrinsics(plain, tuple(cameras), lab.target, replace(TOGETHER, lens_sigma=sigma))
+    assert freed.rig.cameras[1].K[0, 0] == pytest.approx(focal / 1.01, rel=0.003)
+    assert held.rig.cameras[1].K[0, 0] == focal
+    assert lab.errors(freed.rig)[0].max() < 0.5 * lab.errors(held.rig)[0].max()

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from calibrating import run
+from checks import refusal
 from scipy.interpolate import CubicSpline
 
 from posefuse.calibration.clocks.paths import _splines, at_times
@@ -93,8 +94,7 @@ def test_undetermined_offsets_are_refused_by_name(rig: Rig) -> None:
         clocks_from_person(rig, (*good[:2], blind, good[3]), most_s=2.0)
     other = rig.cameras[3].project(body(good[3].t_ns / 1e9, seed=9))
     stranger = PersonTrack("cam03", BODY, good[3].t_ns, other, good[3].score, good[3].sigma_px)
-    with pytest.raises(RefusedCalibration, match="cam03"):
-        clocks_from_person(rig, (*good[:3], stranger), most_s=2.0)
+    refusal(RefusedCalibration, "cam03", clocks_from_person, rig, (*good[:3], stranger), most_s=2.0)
 
 
 def test_without_a_rig_the_path_over_the_floor_gives_offsets_to_about_a_frame(rig: Rig) -> None:
@@ -126,13 +126,11 @@ def test_clocks_of_a_session_are_found_written_and_read_by_track(rig: Rig, tmp_p
             person = np.column_stack([xy, np.full(len(xy), 0.9)]).ravel().tolist()
             people = [{"pose_keypoints_2d": person}]
             (folder / f"{number:06d}.json").write_text(json.dumps({"people": people if camera.name != "cam03" else []}))
-    with pytest.raises(InputError, match=r"camera cam03: no person"):
-        run("clocks", str(tmp_path), "--rate", "20")
+    refusal(InputError, r"camera cam03: no person", run, "clocks", str(tmp_path), "--rate", "20")
     for path in (tmp_path / "pose2d" / "cam03").iterdir():
         path.unlink()
     (tmp_path / "pose2d" / "cam03").rmdir()
-    with pytest.raises(InputError, match="do not state their frame rate"):
-        run("clocks", str(tmp_path))
+    refusal(InputError, "do not state their frame rate", run, "clocks", str(tmp_path))
     figures = run("clocks", str(tmp_path), "--rate", "20", "--most-s", "2")
     assert figures["cam01_offset_ms"] == pytest.approx(370, abs=3)
     assert figures["cam01_offset_sigma_ms"] < 5

@@ -13,6 +13,7 @@ import cv2
 import numpy as np
 import pytest
 from calibrating import differences, run
+from checks import refusal
 
 from bench.faults.waved_props import Faults, Waving, board, observe_prop
 from posefuse.api import calibrate as api
@@ -95,8 +96,7 @@ def test_printed_cube_faces_carry_six_ids_of_true_size(tmp_path: Path) -> None:
 def test_a_target_that_does_not_fit_the_page_is_refused() -> None:
     with pytest.raises(ConfigError, match=r"page a4: a drawing of 250 x 350 mm, .* does not fit.*page \(a3, a2, a1, a0\)"):
         board_sheets(BOARD, "a4")
-    with pytest.raises(ConfigError, match="there are: DICT_4X4_100"):
-        Markers(0.1, "DICT_9X9")
+    refusal(ConfigError, "there are: DICT_4X4_100", Markers, 0.1, "DICT_9X9")
 
 
 def drawn(target: Charuco) -> np.ndarray:
@@ -187,8 +187,7 @@ def test_views_that_are_too_few_or_too_alike_are_refused(watched: tuple[Rig, Cor
     ]
     names = ("camera", "t_ns", "patch", "corner", "xy_img", "sharpness")
     same = replace(one, **{name: np.concatenate([getattr(part, name) for part in alike]) for name in names})
-    with pytest.raises(RefusedCalibration, match="slants differ"):
-        calibrate_intrinsics(same, target)
+    refusal(RefusedCalibration, "slants differ", calibrate_intrinsics, same, target)
 
 
 def test_coverage_guides_to_what_is_missing(watched: tuple[Rig, CornerObservations], lab: Any) -> None:

@@ -107,7 +107,7 @@ def test_options_that_are_repeated_are_all_kept() -> None:
         ("simulate scene.yaml --out there --workers -1", "--workers: expected a whole number"),
         ("compare a.trc b.trc --align-first nan", "--align-first: expected "),
         ("calibrate person a --intrinsics i --out o --apart a b", "--apart: expected 3 values"),
-        ("calibrate person a --intrinsics i --out o --apart a b far", 'unable to convert "far" into float'),
+        ("calibrate person a --intrinsics i --out o --apart a b far", '--apart: unable to convert "far" into float'),
         ("node relay rig.toml", "unknown command 'relay'; there are: camera, fusion"),
     ],
 )

@@ -125,8 +125,7 @@ def test_the_detector_check_can_fail() -> None:
         ("camera", "frame's camera"),
         ("table", "joint_centres is a core.JointCentres, or None"),
     ):
-        with pytest.raises(ContractError, match=rule):
-            check_detector(Guesser(fault), frames)
+        refusal(ContractError, rule, check_detector, Guesser(fault), frames)
 
 
 class Writer:
@@ -156,8 +155,7 @@ def test_the_sink_check_can_fail(recording: Recording, tmp_path: Path) -> None:
         if not fault:
             check_output(Writer(), recording, folder)
             continue
-        with pytest.raises(ContractError, match=rule):
-            check_output(Writer(fault), recording, folder)
+        refusal(ContractError, rule, check_output, Writer(fault), recording, folder)
 
 
 # what an output cannot do without, and the package that must be there
@@ -229,8 +227,7 @@ def test_the_live_output_check_can_fail(tmp_path: Path) -> None:
         ("crowd", "take\\(\\) bears every LivePose of a session .*one person only"),
     ):
         (tmp_path / fault).mkdir()
-        with pytest.raises(ContractError, match=rule):
-            check_live_output(Notebook(tmp_path / fault, fault), tmp_path / fault)
+        refusal(ContractError, rule, check_live_output, Notebook(tmp_path / fault, fault), tmp_path / fault)
     (tmp_path / "good").mkdir()
     check_live_output(Notebook(tmp_path / "good"), tmp_path / "good")
 

@@ -61,8 +61,7 @@ def test_picking_and_naming() -> None:
     rig = Rig((CAMERA, replace(CAMERA, name="b")))
     assert rig.only(["b", "a"]).names == ("b", "a")
     assert rig.renamed({"a": "front"}).names == ("front", "b")
-    with pytest.raises(CalibrationError, match="no camera 'c'; there are: a, b"):
-        rig["c"]
+    refusal(CalibrationError, "no camera 'c'; there are: a, b", lambda: rig["c"])
 
 
 @pytest.mark.parametrize(

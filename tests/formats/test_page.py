@@ -152,8 +152,7 @@ def test_images_are_inside_and_what_is_none_is_refused(read_page, tmp_path):
     page = shown(read_page, tmp_path, Images({"a": picture, "b": ready}), Images({"c": picture}, lossless=True))
     assert [address.split(",")[0] for address in page.images] == ["data:image/jpeg;base64"] * 2 + ["data:image/png;base64"]
     for wrong, said in ((b"GIF89a", "expected images as JPEG, PNG"), (picture[..., 0], "RGB image"), (picture[:0], "RGB image")):
-        with pytest.raises(InputError, match=said):
-            write_page(tmp_path / "bad.html", Page("t", [Images({"x": wrong})]))
+        refusal(InputError, said, write_page, tmp_path / "bad.html", Page("t", [Images({"x": wrong})]))
     assert not (tmp_path / "bad.html").exists()
 
 

@@ -3,6 +3,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from built import turned
+from checks import refusal
 
 from posefuse.core import SE3, SKELETONS, ConfigError, Rig, ShapeError
 from posefuse.fusion import WEIGHTS, FuseSettings, triangulate
@@ -205,14 +206,10 @@ def test_uncertainty_grows_along_nearly_parallel_rays(ring_rig):
 def test_errors_say_what_was_expected(ring_rig):
     rig = ring_rig(4)
     good = np.zeros((2, 4, 5, 2))
-    with pytest.raises(ShapeError, match=r"C = 4 cameras, got shape \(2, 3, 5, 2\)"):
-        triangulate(rig, good[:, :3])
-    with pytest.raises(ShapeError, match=r"score: expected .* = \(2, 4, 5\), got shape \(2, 4, 6\)"):
-        triangulate(rig, good, np.ones((2, 4, 6)))
-    with pytest.raises(ConfigError, match="expected one of none, score, all, robust, got 'best'"):
-        triangulate(rig, good, weights="best")
-    with pytest.raises(ConfigError, match="skeleton="):
-        triangulate(rig, good, weights="all")
+    refusal(ShapeError, r"C = 4 cameras, got shape \(2, 3, 5, 2\)", triangulate, rig, good[:, :3])
+    refusal(ShapeError, r"score: expected .* = \(2, 4, 5\), got shape \(2, 4, 6\)", triangulate, rig, good, np.ones((2, 4, 6)))
+    refusal(ConfigError, "expected one of none, score, all, robust, got 'best'", triangulate, rig, good, weights="best")
+    refusal(ConfigError, "skeleton=", triangulate, rig, good, weights="all")
 
 
 @pytest.mark.parametrize("weights", WEIGHTS)

@@ -9,23 +9,23 @@ import argparse
 import contextlib
 import json
 import os
-import queue
 import shutil
 import subprocess
 import sys
 import tempfile
-import threading
 import time
 from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import IO
+
+sys.path.append(str(Path(__file__).parents[1] / "support"))
 
 from damage import damaged
 from options import OPTIONS
+from running import Running
 
-from examples import EXAMPLES, ROOT, Example, openpose_session
+from examples import EXAMPLES, openpose_session
 
 LIMIT_S = 20.0
 PATIENCE, _LOOK_S = 6, 0.5
@@ -54,60 +54,52 @@ class Worker:
     """`worker.py` with a time limit on every answer; restarted after a crash or a hang."""
 
     def __init__(self) -> None:
-        self._process: subprocess.Popen[str] | None = None
-        self._answers: queue.Queue[str | None] = queue.Queue()
+        self._running: Running | None = None
 
     def ask(self, kind: str, folder: Path, file: str, limit_s: float) -> tuple[str, str]:
         """Outcome and detail of one variant."""
-        if self._process is None:
-            self._start()
-        assert self._process is not None and self._process.stdin is not None
+        if self._running is None:
+            command = [sys.executable, str(Path(__file__).with_name("worker.py"))]
+            # a narrow terminal would wrap messages, and colour codes would split them
+            environment = {**os.environ, "COLUMNS": "500", "NO_COLOR": "1"}
+            self._running = Running(command, stdin=subprocess.PIPE, env=environment, encoding="utf-8")
+            self._running.out.wait_for("ready", START_LIMIT_S)
+        process = self._running.process
+        # where it has ended, so has its answer
+        with contextlib.suppress(OSError):
+            process.stdin.write(json.dumps([kind, str(folder), file]) + "\n")
+            process.stdin.flush()
         try:
-            self._process.stdin.write(json.dumps([kind, str(folder), file]) + "\n")
-            self._process.stdin.flush()
-            line = self._answer(limit_s)
+            line = _answer(self._running, limit_s)
         except TimeoutError:
             self.stop()
             return "hang", f"no answer within {limit_s:g} s"
-        except OSError:
-            line = None
         if line is None:
-            code = self._process.wait(timeout=LIMIT_S)
             self.stop()
-            return "crash", f"the interpreter ended with code {code}"
+            return "crash", f"the interpreter ended with code {process.returncode}"
         answer = json.loads(line)
         return answer["outcome"], answer["detail"]
 
-    def _answer(self, limit_s: float) -> str | None:
-        """The next line. Limits processor time; waiting counts only above `PATIENCE` limits (the machine may be busy)."""
-        assert self._process is not None
-        began_s, began_cpu_s = time.monotonic(), _cpu_s(self._process.pid)
-        while True:
-            with contextlib.suppress(queue.Empty):
-                return self._answers.get(timeout=min(_LOOK_S, limit_s))
-            waited_s = time.monotonic() - began_s
-            if waited_s > PATIENCE * limit_s or (_cpu_s(self._process.pid) or waited_s) - (began_cpu_s or 0.0) > limit_s:
-                raise TimeoutError
-
     def stop(self) -> None:
         """End the process."""
-        if self._process is not None:
-            self._process.kill()
-            self._process.wait(timeout=LIMIT_S)
-            self._process = None
+        if self._running is not None:
+            self._running.process.kill()
+            self._running.process.wait(timeout=LIMIT_S)
+            self._running = None
 
-    def _start(self) -> None:
-        command = [sys.executable, str(Path(__file__).with_name("worker.py"))]
-        # a narrow terminal would wrap messages, and colour codes would split them
-        environment = {**os.environ, "COLUMNS": "500", "NO_COLOR": "1"}
-        process = subprocess.Popen(
-            command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True, env=environment, encoding="utf-8"
-        )
-        answers: queue.Queue[str | None] = queue.Queue()
-        threading.Thread(target=_pump, args=(process.stdout, answers), daemon=True).start()
-        self._process, self._answers = process, answers
-        if answers.get(timeout=START_LIMIT_S) is None:
-            raise RuntimeError("the worker of the fuzz stage does not start")
+
+def _answer(running: Running, limit_s: float) -> str | None:
+    """The next line, or None where the process has ended. Limits processor time; waiting counts only above `PATIENCE` limits
+    (the machine may be busy)."""
+    process, began_s, began_cpu_s = running.process, time.monotonic(), _cpu_s(running.process.pid)
+    while True:
+        with contextlib.suppress(AssertionError):
+            return running.out.until(lambda line: line, min(_LOOK_S, limit_s))
+        if process.poll() is not None:
+            return None
+        waited_s = time.monotonic() - began_s
+        if waited_s > PATIENCE * limit_s or (_cpu_s(process.pid) or waited_s) - (began_cpu_s or 0.0) > limit_s:
+            raise TimeoutError
 
 
 def _cpu_s(pid: int) -> float | None:
@@ -117,12 +109,6 @@ def _cpu_s(pid: int) -> float | None:
     except OSError:
         return None
     return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
-
-
-def _pump(stream: IO[str], answers: queue.Queue[str | None]) -> None:
-    for line in stream:
-        answers.put(line)
-    answers.put(None)
 
 
 def run(
@@ -210,8 +196,6 @@ def main() -> int:
         write_between_marks(args.write, table(counts), "fuzz")
     return 1 if failures else 0
 
-
-__all__ = ["ROOT", "Example", "main", "run"]
 
 if __name__ == "__main__":
     sys.exit(main())

@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from built import arrays_of
+from checks import refusal
 from scipy.spatial.transform import Rotation
 
 from posefuse.core import SE3, SKELETONS, InputError, ShapeError
@@ -233,8 +234,7 @@ def test_gimbal_lock_is_named_and_its_middle_angle_kept(posed):
 def test_swapped_sides_are_refused(posed):
     sequence = posed([BENT] * 10)
     swapped = replace(sequence, person_id=[7], xyz_world=sequence.xyz_world[:, :, sequence.skeleton.mirror])
-    with pytest.raises(InputError, match="person 7: left and right look swapped"):
-        joints_from_poses(swapped)
+    refusal(InputError, "person 7: left and right look swapped", joints_from_poses, swapped)
     assert np.isfinite(joints_from_poses(swapped, JointSettings(sides_checked=False)).angle_rad).any()
 
 

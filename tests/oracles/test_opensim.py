@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from checks import refusal
 from figure import sequence_of
 
 from posefuse.core import DependencyError, InputError, PoseSequence
@@ -200,13 +201,11 @@ def test_what_hips_and_shoulders_leave_open_stays_at_its_default(osim, tmp_path,
 def test_what_is_no_model_is_refused_in_a_line(osim, tmp_path):
     person = bodies_from_poses(figures())[0]
     (tmp_path / "no.osim").write_text("<nothing/>")
-    with pytest.raises(InputError, match=r"no\.osim: expected"):
-        scale_factors(tmp_path / "no.osim", person)
+    refusal(InputError, r"no\.osim: expected", scale_factors, tmp_path / "no.osim", person)
     with pytest.raises(InputError, match="expected an existing folder"):
         scaled_motion(tmp_path / "no.osim", figures(), tmp_path / "none", body=person)
 
 
 def test_without_the_package_it_names_what_to_install(monkeypatch, tmp_path):
     monkeypatch.setitem(sys.modules, "opensim", None)
-    with pytest.raises(DependencyError, match=r"posefuse\[biomech\]"):
-        opensim_motion(figures(), tmp_path)
+    refusal(DependencyError, r"posefuse\[biomech\]", lambda: opensim_motion(figures(), tmp_path))

@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
+from checks import refusal
 
 from posefuse.core import ConfigError, ModelError, PosefuseError
 from posefuse.detection.build import DetectorChoice
@@ -37,11 +38,9 @@ def test_of_the_networks_to_choose_from_one_is_enough(monkeypatch: pytest.Monkey
 
     monkeypatch.setattr("posefuse.realtime.networks.build.fetch_networks", fetch)
     fetch_networks(DetectorChoice())
-    with pytest.raises(ModelError, match="blazepose_lite"):
-        fetch_networks(DetectorChoice(options={"landmarks": "blazepose_lite"}))
+    refusal(ModelError, "blazepose_lite", lambda: fetch_networks(DetectorChoice(options={"landmarks": "blazepose_lite"})))
     there.clear()
-    with pytest.raises(ModelError, match="blazepose_full"):
-        fetch_networks(DetectorChoice())
+    refusal(ModelError, "blazepose_full", lambda: fetch_networks(DetectorChoice()))
     # on a device that BlazePose does not run on, what the user has is chosen from
     fetch_networks(DetectorChoice(options={"device": "cuda:0,cuda:1"}))
 
@@ -54,8 +53,7 @@ def test_a_device_is_checked_before_anything_is_downloaded(tmp_path: Path, monke
         DetectorChoice(name="onnx", options={"device": "gpu", "card": "rtmpose_s"}),
         DetectorChoice(options={"device": "cuda", "landmarks": "blazepose_full"}),
     ):
-        with pytest.raises(ConfigError, match="device: "):
-            fetch_networks(choice)
+        refusal(ConfigError, "device: ", fetch_networks, choice)
     assert not list(tmp_path.iterdir())
 
 

@@ -17,6 +17,8 @@ from posefuse.cli import main as cli
         *((("--loop", text), "loop_s") for text in ("nan", "0", "-1", "inf")),
         (("--osc", "127.0.0.1:9", "--set", "outputs.osc.axes=sideways"), "axes"),
         (("--record", "walk.mp4"), "walk.mp4: expected a name that ends in .mcap"),
+        (("--osc", "nonsense"), "host:port"),
+        (("--record", "/nowhere/x.mcap"), "there is no folder /nowhere"),
         (("--record", "walk"), "walk: expected a name that ends in .mcap"),
         (("--record", "walk.mcap", "--videos", "walk.mcap"), "the folder of --videos"),
         (("--record", "kept/walk.mcap", "--videos", "kept"), "the folder of --videos"),

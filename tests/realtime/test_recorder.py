@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 import pytest
 from calibrating import marker_page
+from checks import refusal
 from live_session import until
 from memory_source import Clip
 
@@ -183,15 +184,13 @@ def test_a_bad_exposure_is_named_and_a_good_one_is_not() -> None:
 def test_sources_need_no_rig_and_keep_their_order() -> None:
     found = inputs_from_arguments(["z=video:a.mp4", "a=usb:/dev/video1"], None)
     assert [(one.camera, one.kind) for one in found] == [("z", "video"), ("a", "usb")]
-    with pytest.raises(SourceError, match=r"expected a size, e\.g\. c=oak:any@1280x720@30"):
-        inputs_from_arguments(["c=oak:any"], None)
+    refusal(SourceError, r"expected a size, e\.g\. c=oak:any@1280x720@30", inputs_from_arguments, ["c=oak:any"], None)
 
 
 def test_a_source_that_cannot_be_opened_leaves_nothing(tmp_path: Path) -> None:
     found = parse(["record", "--source", f"a=video:{tmp_path / 'none.mp4'}", "--out", str(tmp_path / "session")])
     assert found is not None
-    with pytest.raises(SourceError, match="camera a: no such video file"):
-        found.run(Terminal(as_json=True))
+    refusal(SourceError, "camera a: no such video file", lambda: found.run(Terminal(as_json=True)))
     assert not list(tmp_path.iterdir())
 
 
@@ -349,8 +348,7 @@ def test_a_folder_of_videos_that_a_full_disk_leaves_incomplete_is_one_line_that_
     with pytest.raises(InputError, match=reason), kept_videos(disk / "videos", None, []) as folder:
         assert folder is not None
         (folder / "cam00.mp4").write_bytes(b"a video")
-        with pytest.raises(OSError, match="No space left"):
-            (disk / "filler").write_bytes(bytes(2**20))
+        refusal(OSError, "No space left", lambda: (disk / "filler").write_bytes(bytes(2**20)))
     [left] = disk.glob(".videos.*.unfinished")
     assert (left / "videos" / "cam00.mp4").read_bytes() == b"a video"
 

@@ -12,6 +12,7 @@ import built
 import numpy as np
 import pytest
 from built import admitted, camera_state
+from checks import refusal
 from no_outputs import NoOutputs
 
 from posefuse.api.live_run import write_latency_report
@@ -311,8 +312,7 @@ def test_an_impossible_source_is_refused_with_a_list_of_sources(ring_rig, argume
 def test_a_source_of_another_size_than_calibrated_is_refused(ring_rig, demo_session) -> None:
     rig = ring_rig(2, size_wh=(1280, 720))
     [entry] = inputs_from_arguments([f"cam01=video:{demo_session / 'videos' / 'cam01.mp4'}"], rig)
-    with pytest.raises(SourceError, match="640x480 px, it was calibrated at 1280x720"):
-        entry.open(rig["cam01"])
+    refusal(SourceError, "640x480 px, it was calibrated at 1280x720", entry.open, rig["cam01"])
 
 
 def test_only_the_newest_frame_waits(ring_rig) -> None:

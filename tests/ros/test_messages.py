@@ -3,7 +3,7 @@ import dataclasses
 import numpy as np
 import pytest
 from built import camera_state
-from checks import assert_same
+from checks import assert_same, refusal
 
 from posefuse.core import MessageError, Skeleton
 from posefuse_ros import messages
@@ -53,8 +53,7 @@ def test_times_come_back_exactly(t_ns):
 
 
 def test_a_time_ros_cannot_hold_is_refused():
-    with pytest.raises(MessageError, match="ROS stamp holds"):
-        messages.time_from_ns(2**62)
+    refusal(MessageError, "ROS stamp holds", messages.time_from_ns, 2**62)
 
 
 def test_joint_angles_are_named_and_of_the_last_time_step(some_joints):
@@ -107,8 +106,7 @@ WRONG_POSES = {
 @pytest.mark.parametrize("fault", WRONG_POSES)
 def test_wrong_poses_are_refused(some_pose, fault):
     good = messages.message_from_pose(some_pose(), {}, "world")
-    with pytest.raises(MessageError, match="Pose3D message"):
-        messages.pose_from_message(over_the_wire(WRONG_POSES[fault](good)))
+    refusal(MessageError, "Pose3D message", lambda: messages.pose_from_message(over_the_wire(WRONG_POSES[fault](good))))
 
 
 def test_a_message_too_long_is_refused_unread(some_detections):
@@ -116,23 +114,6 @@ def test_a_message_too_long_is_refused_unread(some_detections):
     intake = Intake(messages.DETECTIONS_TYPE, messages.detections_from_message, max_bytes=len(raw) - 1)
     assert intake.take(raw) is None
     assert f"at most {len(raw) - 1} bytes" in intake.counts.last_refusal
-
-
-def test_noise_never_crashes(some_detections):
-    """Cut, flipped and random bytes: each is a checked value or a counted refusal."""
-    rng = np.random.default_rng(5)
-    raw = encode(messages.message_from_detections(some_detections(), STAGES))
-    intake = Intake(messages.DETECTIONS_TYPE, messages.detections_from_message)
-    for _ in range(1500):
-        data = bytearray(raw[: rng.integers(0, len(raw) + 1)] if rng.random() < 0.3 else raw)
-        for place in rng.integers(0, max(len(data), 1), rng.integers(0, 6)):
-            data[place : place + 4] = rng.bytes(4)
-        intake.take(bytes(data))
-    for size in rng.integers(0, 300, 500):
-        intake.take(b"\0\1\0\0" + rng.bytes(int(size)))
-    assert intake.counts.accepted + intake.counts.refused == 2000
-    assert intake.counts.refused > 1000
-    assert intake.counts.accepted > 0
 
 
 def test_a_list_of_impossible_length_is_refused_immediately():
@@ -151,5 +132,4 @@ def test_counts_of_the_source_arrive_and_absurd_ones_are_refused(some_detections
     for name, value in (("used", 901), ("captured", 2**60)):
         wrong = over_the_wire(messages.message_from_detections(some_detections(), {}, counts))
         setattr(wrong, name, value)
-        with pytest.raises(MessageError, match="frames used"):
-            messages.state_from_message(wrong)
+        refusal(MessageError, "frames used", messages.state_from_message, wrong)

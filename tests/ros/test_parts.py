@@ -31,12 +31,8 @@ S = 1_000_000_000
 
 def person(rng=None, noise_m=0.0, t_ns=5 * S, moved=None) -> Pose3D:
     """Stands at the origin, looks along +x, elbows bent, hands forward with the palms down."""
-    left = {
-        "shoulder": (0, 0.2, 1.4), "elbow": (0.3, 0.2, 1.25), "wrist": (0.55, 0.2, 1.4), "hip": (0, 0.1, 0.9),
-        "knee": (0, 0.1, 0.5), "ankle": (0, 0.1, 0.1), "ear": (0, 0.08, 1.6), "index": (0.65, 0.17, 1.4),
-        "pinky": (0.65, 0.23, 1.4),
-    }  # fmt: skip
-    xyz = built.of_sides(BLAZE, left, nose=(0.1, 0, 1.6))[None]
+    hand = {"wrist": (0.55, 0.2, 1.4), "index": (0.65, 0.17, 1.4), "pinky": (0.65, 0.23, 1.4)}
+    xyz = built.straight(BLAZE, elbow=(0.3, 0.2, 1.25), **hand)[None]
     xyz = xyz + (rng.normal(size=xyz.shape) * noise_m if rng is not None else 0.0)
     return built.pose(xyz if moved is None else moved @ xyz, [1], t_ns, skeleton=BLAZE)
 

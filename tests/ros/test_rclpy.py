@@ -9,6 +9,7 @@ import threading
 from types import ModuleType, SimpleNamespace
 
 import pytest
+from checks import refusal
 
 from posefuse.core import SE3, DependencyError
 from posefuse_ros import topics
@@ -115,8 +116,7 @@ def test_what_comes_in_is_read_as_from_dds(fake, standing):
         [sample] = reader.take()
         assert sample.raw == raw and sample.sent_ns == 5
         assert fake.node.subscriptions["/tf_static"].profile.durability == "latched"
-        with pytest.raises(DependencyError, match="posefuse_msgs/msg/Pose3D is not installed"):
-            node.reader(topics.POSE)
+        refusal(DependencyError, "posefuse_msgs/msg/Pose3D is not installed", node.reader, topics.POSE)
 
 
 def test_it_is_taken_where_ros_2_is_sourced_and_no_network_option_asks_for_dds(fake, monkeypatch):
@@ -130,7 +130,6 @@ def test_it_is_taken_where_ros_2_is_sourced_and_no_network_option_asks_for_dds(f
 
 def test_without_rclpy_it_names_the_missing_package(monkeypatch):
     monkeypatch.setitem(sys.modules, "rclpy", None)
-    with pytest.raises(DependencyError, match="source a ROS 2 environment"):
-        RclpyNode("x", 0)
+    refusal(DependencyError, "source a ROS 2 environment", RclpyNode, "x", 0)
     monkeypatch.setenv("AMENT_PREFIX_PATH", "/opt/ros/jazzy")
     assert not ros2_is_sourced()

@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from checks import refusal
 
 from posefuse.core import SE3, Camera, MessageError, SourceError
 from posefuse.core.ideal_image import drawn_camera
@@ -50,8 +51,7 @@ def test_the_camera_info_of_a_simulator_confirms_the_rig():
     assert camera_of_info(BENT, info_from_camera(stated, 0)) is BENT
     other = replace(stated, K=stated.K * np.array([[1.01, 1, 1], [1, 1.01, 1], [1, 1, 1]]))
     assert not is_ideal_image_of(BENT, other)
-    with pytest.raises(MessageError, match="images are"):
-        camera_of_info(BENT, info_from_camera(other, 0))
+    refusal(MessageError, "images are", lambda: camera_of_info(BENT, info_from_camera(other, 0)))
 
 
 @pytest.mark.parametrize(

@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from checks import refusal
 from ros1_master import wait_for_master
 
 from posefuse.core import DependencyError
@@ -57,8 +58,7 @@ def test_without_a_master_it_names_the_cause(alone, ros1_python, pose_file):
 
 def test_without_rospy_it_names_the_missing_package(monkeypatch):
     monkeypatch.setitem(sys.modules, "rosgraph", None)
-    with pytest.raises(DependencyError, match="python3-rospy"):
-        ros1.Ros1Node("x")
+    refusal(DependencyError, "python3-rospy", ros1.Ros1Node, "x")
 
 
 def test_real_rosbag_reads_what_is_sent(tmp_path, kept, ros1_python, standing, ring_rig):

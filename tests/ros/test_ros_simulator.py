@@ -4,6 +4,7 @@ import time
 
 import numpy as np
 import pytest
+from checks import refusal
 from own_domain import own_domain
 
 pytest.importorskip("cyclonedds", reason="the extra `ros` is not installed")
@@ -86,5 +87,4 @@ def test_the_network_reaches_the_sources(ring_rig):
         assert (network.domain_id, network.interface, network.peers) == (7, "eth9", ("10.0.0.2",))
         assert not network.local_only and entry.config.sim_time
     for wrong in ({"domain": 7}, {"peers": "10.0.0.2"}):
-        with pytest.raises(ConfigError, match=r"^ros: "):
-            pf.live(ring_rig(2), {"cam00": "ros:/a/image_raw"}, ros=wrong)
+        refusal(ConfigError, r"^ros: ", pf.live, ring_rig(2), {"cam00": "ros:/a/image_raw"}, ros=wrong)

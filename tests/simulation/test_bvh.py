@@ -4,6 +4,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from checks import refusal
 
 from posefuse.core import InputError
 from posefuse_sim.motion.bvh import read_bvh
@@ -85,12 +86,9 @@ def test_channels_apply_in_the_file_s_order(tmp_path: Path, order: str) -> None:
 def test_broken_files_are_named_with_their_line(tmp_path: Path, old: str, new: str, text: str) -> None:
     assert old in ARM
     path = written(tmp_path, ARM.replace(old, new))
-    with pytest.raises(InputError, match=f"{path.name}: .*{text}"):
-        read_bvh(path)
+    refusal(InputError, f"{path.name}: .*{text}", read_bvh, path)
 
 
 def test_cut_off_file(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match="got the end of the file"):
-        read_bvh(written(tmp_path, ARM[:120]))
-    with pytest.raises(InputError, match="cannot be read"):
-        read_bvh(tmp_path / "none.bvh")
+    refusal(InputError, "got the end of the file", lambda: read_bvh(written(tmp_path, ARM[:120])))
+    refusal(InputError, "cannot be read", read_bvh, tmp_path / "none.bvh")

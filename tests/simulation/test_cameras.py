@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from checks import refusal
 
 from posefuse.core import ConfigError
 from posefuse_sim.build import shots_of
@@ -85,8 +86,7 @@ def test_overrides_change_one_camera_only():
     ],
 )
 def test_impossible_cameras_are_refused(settings, message):
-    with pytest.raises(ConfigError, match=message):
-        _rig(settings)
+    refusal(ConfigError, message, _rig, settings)
 
 
 # --- clocks: what a camera exposes when, and what it writes on it
@@ -160,5 +160,4 @@ def test_same_seed_same_shots_and_cameras_differ():
     ],
 )
 def test_impossible_clocks_are_refused(sensor, message):
-    with pytest.raises(ConfigError, match=message):
-        _shots(**sensor)
+    refusal(ConfigError, message, _shots, **sensor)

@@ -1,16 +1,13 @@
 """The depth that simulated cameras measure: in the right place, with the noise that they state."""
 
-from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from posefuse.core.depth import MM_PER_M
-from posefuse_sim.cameras import DepthSettings, ImageSettings, ListedCameras, PlacedCamera, SensorSettings
-from posefuse_sim.props import CharucoBoard, StillPath
+from posefuse_sim.cameras import DepthSettings
 from posefuse_sim.render.shot import measured_depth, noise_of
-from posefuse_sim.scene import Scene
 
 EXACT = DepthSettings(disparity_sigma_px=0, step_px=0, floor_m=0, lateral_px=0, edge_loss=0)
 
@@ -54,23 +51,3 @@ def test_edges_lose_pixels_and_are_ragged_and_the_far_is_unknown() -> None:
     assert (torn[:, 110:] == 3000).all()
     column = torn[:, 99]
     assert 0.05 < (column[column > 0] == 3000).mean() < 0.5
-
-
-@pytest.mark.gl
-@pytest.mark.parametrize("distortion", [(), (-0.28, 0.09, 0.002, -0.003, -0.01)], ids=["ideal", "bent"])
-def test_depth_lies_under_the_projected_pixels(distortion: tuple[float, ...], shots: Callable) -> None:
-    image = ImageSettings(size_px=(320, 240), distortion=distortion)
-    camera = PlacedCamera(
-        name="eye", position_m=(1.1, -1.4, 1.9), look_at_m=(0.1, 0.1, 1.0), roll_deg=25, image=image,
-        sensor=SensorSettings(depth=EXACT),
-    )  # fmt: skip
-    path = StillPath(kind="still", position_m=(0.0, 0.0, 1.0), yaw_deg=30, pitch_deg=8, roll_deg=55)
-    board = CharucoBoard(kind="charuco_board", square_m=0.13, marker_m=0.06, path=path)
-    live, [shot] = shots(Scene(duration_s=0.2, cameras=ListedCameras(kind="list", cameras=(camera,)), props=(board,)))
-    eye = live.rig.cameras[0]
-    chess = live.prop_poses(np.zeros(1))[0][0] @ live.props[0].chess_prop
-    assert shot.depth is not None
-    column, row = np.rint(eye.project(chess)).astype(int).T
-    found_m = shot.depth.values[row, column] * shot.depth.unit_m
-    # half a pixel on a slanted board, and millimetres
-    np.testing.assert_allclose(found_m, (eye.cam_from_world @ chess)[:, 2], atol=0.006)

@@ -5,6 +5,7 @@ from pathlib import Path
 import built
 import numpy as np
 import pytest
+from checks import refusal
 from scipy.spatial.transform import Rotation
 
 from posefuse.core import SKELETONS, InputError, Recording
@@ -149,8 +150,7 @@ def test_cmu_file(shared_data: Path, body: SimulatedBody) -> None:
 )
 def test_bvh_with_unusable_joints(tmp_path: Path, body: SimulatedBody, names: dict[str, str], text: str) -> None:
     file = bvh_file(tmp_path, frames(), names)
-    with pytest.raises(InputError, match=f"motion.bvh: {text}"):
-        person(body, kind="bvh", file=file)
+    refusal(InputError, f"motion.bvh: {text}", person, body, kind="bvh", file=file)
 
 
 @pytest.mark.parametrize(("style", "prefix"), [("mixamo", "mixamorig:"), ("spaced", "figure: ")])
@@ -235,8 +235,7 @@ def test_result_animates_a_person(tmp_path: Path, body: SimulatedBody, squat: tu
     assert np.median(np.linalg.norm(state.keypoints_world - points, axis=-1)[:, knees]) < 3e-3
     moved = person(body, kind="result", file=str(tmp_path), person=9, position_m=(5.0, 5.0)).at(times)
     assert np.allclose(moved.keypoints_world[:, knees, 2], state.keypoints_world[:, knees, 2])
-    with pytest.raises(InputError, match="person: no person 3; there are: 4, 9"):
-        person(body, kind="result", file=str(tmp_path), person=3)
+    refusal(InputError, "person: no person 3; there are: 4, 9", person, body, kind="result", file=str(tmp_path), person=3)
 
 
 def test_the_skeleton_of_a_report_animates_a_person(tmp_path: Path, body: SimulatedBody, squat, ring_rig) -> None:

@@ -3,15 +3,18 @@
 import cv2
 import numpy as np
 import pytest
+from calibrating import refined
+from checks import refusal
 
 from posefuse.core import ConfigError
 from posefuse.core.ideal_image import optics_of
 from posefuse_sim.build import live_scene
-from posefuse_sim.cameras import ImageSettings, ListedCameras, PlacedCamera
+from posefuse_sim.cameras import DepthSettings, ImageSettings, ListedCameras, PlacedCamera, SensorSettings
 from posefuse_sim.props import ArucoCube, CharucoBoard, GroundTile, StillPath
 from posefuse_sim.scene import Scene
 from posefuse_sim.surroundings import RoomSettings
 
+EXACT_DEPTH = DepthSettings(disparity_sigma_px=0, step_px=0, floor_m=0, lateral_px=0, edge_loss=0)
 LENSES = {
     "ideal": ImageSettings(size_px=(640, 480)),
     "bent": ImageSettings(size_px=(640, 480), distortion=(-0.28, 0.09, 0.002, -0.003, -0.01)),
@@ -24,31 +27,42 @@ LENSES = {
 }  # fmt: skip
 
 
-def _scene(image: ImageSettings, prop) -> Scene:
-    camera = PlacedCamera(name="eye", position_m=(1.1, -1.4, 1.9), look_at_m=(0.1, 0.1, 1.0), roll_deg=25, image=image)
+_PATH = StillPath(kind="still", position_m=(0.0, 0.0, 1.0), yaw_deg=30, pitch_deg=8, roll_deg=55)
+_BOARD = CharucoBoard(kind="charuco_board", square_m=0.13, marker_m=0.06, path=_PATH)
+
+
+def _scene(image: ImageSettings, prop=_BOARD, **sensor) -> Scene:
+    camera = PlacedCamera(
+        name="eye", position_m=(1.1, -1.4, 1.9), look_at_m=(0.1, 0.1, 1.0), roll_deg=25, image=image,
+        sensor=SensorSettings(**sensor),
+    )  # fmt: skip
     plain = RoomSettings(floor="plain", walls="plain", shadows=False)
     return Scene(duration_s=0.2, cameras=ListedCameras(kind="list", cameras=(camera,)), props=(prop,), room=plain)
-
-
-def _refined(grey: np.ndarray, guess: np.ndarray) -> np.ndarray:
-    stop = (cv2.TERM_CRITERIA_EPS + cv2.TERM_CRITERIA_MAX_ITER, 60, 1e-3)
-    return cv2.cornerSubPix(grey, guess.astype(np.float32).reshape(-1, 1, 2).copy(), (3, 3), (-1, -1), stop)[:, 0]
 
 
 @pytest.mark.gl
 @pytest.mark.parametrize("lens", LENSES)
 def test_chessboard_corners_are_at_their_projections(lens, shots):
-    path = StillPath(kind="still", position_m=(0.0, 0.0, 1.0), yaw_deg=30, pitch_deg=8, roll_deg=55)
-    live, [shot] = shots(_scene(LENSES[lens], CharucoBoard(kind="charuco_board", square_m=0.13, marker_m=0.06, path=path)))
+    live, [shot] = shots(_scene(LENSES[lens]))
     prop, camera = live.props[0], live.rig.cameras[0]
     chess = live.prop_poses(np.zeros(1))[0][0] @ prop.chess_prop
     expected = camera.project(chess)
     assert shot.visible[-len(chess) :].all()
-    grey = cv2.cvtColor(shot.image, cv2.COLOR_RGB2GRAY)
-    error = _refined(grey, expected) - expected
+    error = refined(shot.image, expected, 3) - expected
     # a shift of half a pixel, or a lens that bends the wrong way, is far outside this
     assert np.abs(error).max() < 0.2
     assert np.linalg.norm(error.mean(axis=0)) < 0.05
+
+
+@pytest.mark.gl
+@pytest.mark.parametrize("lens", ["ideal", "bent"])
+def test_measured_depth_lies_under_the_projected_pixels(lens, shots):
+    live, [shot] = shots(_scene(LENSES[lens], depth=EXACT_DEPTH))
+    eye, chess = live.rig.cameras[0], live.prop_poses(np.zeros(1))[0][0] @ live.props[0].chess_prop
+    column, row = np.rint(eye.project(chess)).astype(int).T
+    found_m = shot.depth.values[row, column] * shot.depth.unit_m
+    # half a pixel on a slanted board, and millimetres
+    np.testing.assert_allclose(found_m, (eye.cam_from_world @ chess)[:, 2], atol=0.006)
 
 
 @pytest.mark.gl
@@ -81,5 +95,4 @@ def test_a_lens_that_sees_behind_the_image_plane_is_refused_by_name():
         size_px=(800, 800), lens="fisheye", K=((220.0, 0, 400.0), (0, 220.0, 400.0), (0, 0, 1.0)), distortion=(0, 0, 0, 0)
     )
     live = live_scene(_scene(wide, GroundTile(kind="ground_tile")))
-    with pytest.raises(ConfigError, match=r"camera eye: its lens sees .* longer focal length"):
-        optics_of(live.rig.cameras[0])
+    refusal(ConfigError, r"camera eye: its lens sees .* longer focal length", optics_of, live.rig.cameras[0])

@@ -5,9 +5,10 @@ import os
 import subprocess
 import sys
 
-import cv2
 import numpy as np
 import pytest
+from calibrating import refined
+from checks import refusal
 
 from posefuse.core import SE3, DependencyError, Frame
 from posefuse.core.skeleton import ANATOMICAL23, pick_keypoints
@@ -52,12 +53,6 @@ def flies(monkeypatch):
     monkeypatch.setattr(build, "poses_on_path", poses)
 
 
-def _refined(image: np.ndarray, guess: np.ndarray) -> np.ndarray:
-    stop = (cv2.TERM_CRITERIA_EPS + cv2.TERM_CRITERIA_MAX_ITER, 60, 1e-3)
-    grey = cv2.cvtColor(image, cv2.COLOR_RGB2GRAY)
-    return cv2.cornerSubPix(grey, guess.astype(np.float32).reshape(-1, 1, 2).copy(), (4, 4), (-1, -1), stop)[:, 0]
-
-
 @pytest.mark.gl
 def test_a_rolling_shutter_shears_moving_parts_as_the_truth_states(shots):
     rolling = _scene(readout_s=0.03, shutter_bands=60)
@@ -68,7 +63,7 @@ def test_a_rolling_shutter_shears_moving_parts_as_the_truth_states(shots):
     frozen = seen_points(live_scene(_scene()), 0, slice(frame, frame + 1)).xy_img[0, chess]
     # the top and the bottom of the picture are seen at different moments
     assert np.ptp((expected - frozen)[:, 0]) > 8
-    error = _refined(shot.image, expected) - expected
+    error = refined(shot.image, expected, 4) - expected
     assert np.abs(error).max() < 0.5
     assert np.linalg.norm(error.mean(axis=0)) < 0.1
 
@@ -150,8 +145,7 @@ def test_without_opengl_or_the_extra_the_error_names_what_is_missing(monkeypatch
     monkeypatch.setattr(backends, "_why_not", lambda name: reason)
     backends._first_working.cache_clear()
     try:
-        with pytest.raises(DependencyError, match=named):
-            backends.working_backend()
+        refusal(DependencyError, named, backends.working_backend)
     finally:
         backends._first_working.cache_clear()
 

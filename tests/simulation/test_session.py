@@ -9,6 +9,7 @@ import cv2
 import numpy as np
 import pytest
 import yaml
+from checks import refusal
 
 from posefuse.core import SE3, InputError, SourceError
 from posefuse.core.ideal_image import SourceView, optics_of
@@ -205,8 +206,7 @@ def test_a_session_of_its_own_is_replaced_and_what_is_the_users_stays(tmp_path, 
         simulate(scene, folder, processes=1)
     # finished: moved aside, with what the user put there, and kept
     before = _contents(folder)
-    with pytest.raises(InputError, match="holds results already"):
-        simulate(scene, folder)
+    refusal(InputError, "holds results already", simulate, scene, folder)
     (folder / "notes.txt").write_text("the user's")
     with pytest.warns(UserWarning) as said:
         simulate(scene, folder, processes=1, replace=True)
@@ -224,8 +224,7 @@ def test_a_session_of_its_own_is_replaced_and_what_is_the_users_stays(tmp_path, 
 
 def test_a_disk_that_is_too_small_is_reported_before_anything_is_rendered(tmp_path, monkeypatch, backend):
     monkeypatch.setattr("shutil.disk_usage", lambda path: SimpleNamespace(free=1000))
-    with pytest.raises(InputError, match="MB will be written"):
-        simulate(_SCENE, tmp_path / "deep" / "session")
+    refusal(InputError, "MB will be written", simulate, _SCENE, tmp_path / "deep" / "session")
     assert not list(tmp_path.iterdir())
 
 
@@ -278,5 +277,4 @@ def test_a_paced_camera_never_gives_a_frame_before_its_time(session):
 
 
 def test_an_unknown_camera_is_refused_with_the_names_there_are(session):
-    with pytest.raises(SourceError, match="no camera 'cam7'; there are: cam00, cam01, cam02"):
-        SimulatedConfig(session, "cam7").build()
+    refusal(SourceError, "no camera 'cam7'; there are: cam00, cam01, cam02", lambda: SimulatedConfig(session, "cam7").build())

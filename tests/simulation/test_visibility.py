@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from built import of_sides
+from built import standing, straight
 
 from posefuse.core import SE3
 from posefuse.core.skeleton import ANATOMICAL23
@@ -61,18 +61,8 @@ def test_clutter_that_does_not_fit_is_refused():
         boxes_of((ClutterOccluder(kind="clutter", area_m=(1.0, 1.0), keep_clear_m=3.0),), 0)
 
 
-def _standing(x_m: float) -> np.ndarray:
-    """(23, 3) a person who faces +x, roughly."""
-    half = {"shoulder": (0.18, 1.42), "elbow": (0.25, 1.12), "wrist": (0.28, 0.88), "hip": (0.09, 0.93), "knee": (0.1, 0.5)}
-    half |= {"ankle": (0.1, 0.09), "big_toe": (0.1, 0.03), "small_toe": (0.14, 0.03), "heel": (0.1, 0.03), "eye": (0.03, 1.65)}
-    half |= {"ear": (0.07, 1.63)}
-    forward = {"eye": 0.09, "big_toe": 0.18, "small_toe": 0.14, "heel": -0.05}
-    left = {joint: (forward.get(joint, 0.0), y, z) for joint, (y, z) in half.items()}
-    return of_sides(ANATOMICAL23, left, nose=(0.11, 0.0, 1.6)) + [x_m, 0, 0]
-
-
 def test_a_person_in_front_hides_and_no_person_hides_the_side_that_is_seen():
-    people = np.stack([_standing(0.0), _standing(1.5)])[None]
+    people = np.stack([standing(x, skeleton=ANATOMICAL23) for x in (0.0, 1.5)])[None]
     flesh = np.tile(FLESH_M, 2)
     eye = np.array([5.0, 0.0, 1.4])
     hidden = hidden_by_shapes(eye, people.reshape(1, -1, 3), flesh, (), people).reshape(2, -1)
@@ -83,7 +73,7 @@ def test_a_person_in_front_hides_and_no_person_hides_the_side_that_is_seen():
 
 
 def test_the_own_body_hides_the_far_side():
-    people = _standing(0.0)[None, None]
+    people = straight(ANATOMICAL23, elbow=(0.0, 0.25, 1.12), wrist=(0.0, 0.28, 0.88))[None, None]
     from_left = hidden_by_shapes(np.array([0.0, 5.0, 1.3]), people[:, 0], FLESH_M, (), people)[0]
     hidden = {name for name, is_hidden in zip(ANATOMICAL23.keypoints, from_left, strict=True) if is_hidden}
     assert {"right_shoulder", "right_hip", "right_ear"} <= hidden

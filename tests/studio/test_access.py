@@ -9,6 +9,7 @@ from typing import Any
 
 import httpx
 import pytest
+from checks import refusal
 from marked import ON_LINUX
 
 from posefuse.core import InputError
@@ -107,8 +108,7 @@ def test_a_token_is_always_needed_also_on_this_machine() -> None:
 def test_a_token_that_can_be_guessed_is_refused() -> None:
     assert Access.of("127.0.0.1", 8765, "sixteen-letters_").token == "sixteen-letters_"
     for token in ("a", "fifteen-letters", "seventeen;letters", "a token with spaces", "ein Schlüssel für uns"):
-        with pytest.raises(InputError, match="at least 16"):
-            Access.of("127.0.0.1", 8765, token)
+        refusal(InputError, "at least 16", Access.of, "127.0.0.1", 8765, token)
 
 
 def test_wrong_tokens_wait_for_each_other_and_are_noted(waits: list[float], caplog: pytest.LogCaptureFixture) -> None:

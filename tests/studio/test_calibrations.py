@@ -9,6 +9,7 @@ from typing import Any
 import cv2
 import numpy as np
 import pytest
+from checks import refusal
 
 from posefuse.api.calibration_results import RigCalibration, saved_clocks
 from posefuse.api.values import rig_of
@@ -108,6 +109,14 @@ def calculated(workspace: StudioWorkspace, step: Step, recording: str, passed: b
     write_stored(folder / f"{step}.json", made)
 
 
+@pytest.fixture
+def workspace(tmp_path: Path) -> StudioWorkspace:
+    """With a calibration in which nothing is done yet."""
+    made = StudioWorkspace(tmp_path)
+    save_project(made, READY)
+    return made
+
+
 def test_the_steps_come_in_order() -> None:
     assert none_yet(BARE).next_step().action == "print"
     for number, step in enumerate(STEPS):
@@ -151,9 +160,9 @@ def test_a_refusal_leads_to_the_step_that_is_to_blame(refused: Step, kind: Check
     assert without.step != "intrinsics"
 
 
-def test_clocks_of_an_earlier_calibration_are_not_applied(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, ring_rig: Any) -> None:
-    workspace = StudioWorkspace(tmp_path)
-    save_project(workspace, READY)
+def test_clocks_of_an_earlier_calibration_are_not_applied(
+    workspace: StudioWorkspace, monkeypatch: pytest.MonkeyPatch, ring_rig: Any
+) -> None:
     recording = recorded(workspace, "extrinsics")
     cube, _ = print_targets(workspace, SIZES, "a4", "verify")
     seen = SimpleNamespace(of_patches=lambda ids: ())
@@ -179,17 +188,13 @@ def board_of(workspace: StudioWorkspace) -> Path:
     return next(workspace.path("targets").glob("board*.toml"))
 
 
-def test_any_number_of_recordings_of_a_step_can_be_made(tmp_path: Path) -> None:
-    workspace = StudioWorkspace(tmp_path)
-    save_project(workspace, READY)
+def test_any_number_of_recordings_of_a_step_can_be_made(workspace: StudioWorkspace) -> None:
     names = [recorded(workspace, step) for step in STEPS for _ in range(4)]
     assert names == [f"{READY.folder}/{step}-{n}" for step in STEPS for n in (1, 2, 3, 4)]
     assert known_of(workspace, READY, ["left"])["verify"].recording.endswith("verify-4")
 
 
-def test_what_rests_on_a_step_that_was_done_again_is_outdated(tmp_path: Path) -> None:
-    workspace = StudioWorkspace(tmp_path)
-    save_project(workspace, READY)
+def test_what_rests_on_a_step_that_was_done_again_is_outdated(workspace: StudioWorkspace) -> None:
     names = {}
     for step in STEPS:
         names[step] = recorded(workspace, step)
@@ -218,18 +223,14 @@ def test_what_rests_on_a_step_that_was_done_again_is_outdated(tmp_path: Path) ->
     assert now()["verify"].current is None
 
 
-def test_a_recording_of_another_target_is_not_calculated(tmp_path: Path) -> None:
-    workspace = StudioWorkspace(tmp_path)
-    save_project(workspace, READY)
+def test_a_recording_of_another_target_is_not_calculated(workspace: StudioWorkspace) -> None:
     recorded(workspace, "intrinsics")
     assert known_of(workspace, READY, ["left"]).next_step().action == "solve"
     other = replace(READY, board="targets/other.toml")
     assert known_of(workspace, other, ["left"]).next_step().action == "record"
 
 
-def test_a_recording_that_was_stopped_by_mistake_takes_no_result_away(tmp_path: Path) -> None:
-    workspace = StudioWorkspace(tmp_path)
-    save_project(workspace, READY)
+def test_a_recording_that_was_stopped_by_mistake_takes_no_result_away(workspace: StudioWorkspace) -> None:
     for step in STEPS:
         calculated(workspace, step, recorded(workspace, step))
         recorded(workspace, step, enough=False)
@@ -271,13 +272,10 @@ def test_targets_are_offered_for_what_they_can_do(tmp_path: Path) -> None:
         check_target(read_target(workspace.existing(cube)), "verify")
 
 
-def test_a_calculation_refuses_the_target_of_another_step(tmp_path: Path) -> None:
-    workspace = StudioWorkspace(tmp_path)
-    save_project(workspace, READY)
+def test_a_calculation_refuses_the_target_of_another_step(workspace: StudioWorkspace) -> None:
     cube, _ = print_targets(workspace, SIZES, "a4", "intrinsics")
     arguments = {"step": "verify", "folder": READY.folder, "recording": recorded(workspace, "verify"), "target": cube}
-    with pytest.raises(InputError, match="a board for the lenses and the verification"):
-        calibrate.run(arguments, workspace, None)
+    refusal(InputError, "a board for the lenses and the verification", calibrate.run, arguments, workspace, None)
 
 
 def test_lights_turn_good_as_things_are_known() -> None:
@@ -296,9 +294,7 @@ def test_overlap_needs_a_partner_and_the_image(linked: float, covered: float, st
     assert filmed(none_yet(), "extrinsics", **seen).lights("left")["overlap"].state == state
 
 
-def test_a_project_is_found_again_with_its_newest_recording(tmp_path: Path) -> None:
-    workspace = StudioWorkspace(tmp_path)
-    save_project(workspace, READY)
+def test_a_project_is_found_again_with_its_newest_recording(workspace: StudioWorkspace) -> None:
     assert projects(workspace) == {"room": READY}
     before = stamp(workspace, READY)
     for number in (1, 2):

@@ -12,11 +12,13 @@ from types import SimpleNamespace
 from typing import Any
 
 import pytest
+from checks import refusal
 from live_session import until
 
 from posefuse.core import InputError
 from posefuse_studio import job_process
-from posefuse_studio.jobs import JOBS_FOLDER, Job, Jobs, Report
+from posefuse_studio import jobs as jobs_module
+from posefuse_studio.jobs import JOBS_FOLDER, LIVE, WATCH, Job, Jobs, Report
 from posefuse_studio.shell import state_of
 from posefuse_studio.stored import read_stored, write_stored
 from posefuse_studio.workspace import StudioWorkspace
@@ -39,6 +41,20 @@ def done(workspace: StudioWorkspace, run: Callable[..., Mapping[str, Any]], monk
     finally:
         signal.signal(signal.SIGINT, before)
     return Jobs(workspace).report("one")
+
+
+def stored_job(workspace: StudioWorkspace, job: str, state: Mapping[str, Any] | None = None, **task: Any) -> Path:
+    """The folder of a job with its files; without a state it has not reported."""
+    folder = workspace.folder(f"{JOBS_FOLDER}/{job}")
+    write_stored(folder / "job.json", {"id": "other", "work": "report", "title": "T", "arguments": {}, **task})
+    if state is not None:
+        write_stored(folder / "state.json", state)
+    return folder
+
+
+def ended(workspace: StudioWorkspace, number: int, **task: Any) -> str:
+    """A job that is done."""
+    return stored_job(workspace, f"20260101-{number:06d}-report", {"state": "done", "reported_s": 1.0}, **task).name
 
 
 def test_progress_news_and_result_are_reported(workspace: StudioWorkspace, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -87,9 +103,7 @@ def test_a_job_whose_workspace_was_deleted_ends(workspace: StudioWorkspace, monk
 
 def test_a_job_that_stopped_reporting_is_lost_with_its_last_words(workspace: StudioWorkspace) -> None:
     jobs = Jobs(workspace)
-    folder = workspace.folder(f"{JOBS_FOLDER}/old")
-    write_stored(folder / "job.json", {"id": "old", "work": "track", "title": "T", "arguments": {}, "begun_s": time.time() - 500})
-    write_stored(folder / "state.json", {"state": "running", "reported_s": time.time()})
+    folder = stored_job(workspace, "old", {"state": "running", "reported_s": time.time()}, begun_s=time.time() - 500)
     assert jobs.report("old").state == "running" and [job.id for job in jobs.running()] == ["old"]
     jobs = Jobs(workspace)
     write_stored(folder / "state.json", {"state": "running", "reported_s": time.time() - 100})
@@ -102,8 +116,8 @@ def test_a_job_that_stopped_reporting_is_lost_with_its_last_words(workspace: Stu
 def test_a_job_that_reports_is_not_lost_when_the_clock_is_set(
     workspace: StudioWorkspace, monkeypatch: pytest.MonkeyPatch, jump_s: float
 ) -> None:
-    folder, jobs, real = workspace.folder(f"{JOBS_FOLDER}/one"), Jobs(workspace), time.time
-    write_stored(folder / "job.json", {"id": "one", "work": "track", "title": "T", "arguments": {}, "begun_s": real()})
+    jobs, real = Jobs(workspace), time.time
+    stored_job(workspace, "one", begun_s=real())
     reporter = job_process.JobReporter(workspace, "one")
     try:
         before = jobs.report("one")
@@ -120,10 +134,9 @@ def test_a_job_that_reports_is_not_lost_when_the_clock_is_set(
 def test_a_report_of_before_the_clock_was_set_counts_from_when_it_is_read(
     workspace: StudioWorkspace, monkeypatch: pytest.MonkeyPatch, jump_s: float
 ) -> None:
-    folder, jobs, real = workspace.folder(f"{JOBS_FOLDER}/one"), Jobs(workspace), time.time
-    write_stored(folder / "job.json", {"id": "one", "work": "track", "title": "T", "arguments": {}, "begun_s": real()})
+    jobs, real = Jobs(workspace), time.time
     for i in range(2):
-        write_stored(folder / "state.json", {"state": "running", "reported_s": real() + i})
+        stored_job(workspace, "one", {"state": "running", "reported_s": real() + i}, begun_s=real())
         assert jobs.report("one").state == "running"
         monkeypatch.setattr(time, "time", lambda: real() + jump_s)
 
@@ -137,15 +150,6 @@ def test_damaged_state_is_no_trouble(workspace: StudioWorkspace) -> None:
         jobs.report("../x")
 
 
-def ended(workspace: StudioWorkspace, number: int, **task: Any) -> str:
-    """A job that is done."""
-    job = f"20260101-{number:06d}-report"
-    folder = workspace.folder(f"{JOBS_FOLDER}/{job}")
-    write_stored(folder / "job.json", {"id": "other", "work": "report", "title": "T", "arguments": {}, **task})
-    write_stored(folder / "state.json", {"state": "done", "reported_s": 1.0})
-    return job
-
-
 def test_what_has_ended_is_read_once(workspace: StudioWorkspace, monkeypatch: pytest.MonkeyPatch) -> None:
     names = [ended(workspace, number) for number in range(500)]
     jobs, read = Jobs(workspace), list[Path]()
@@ -156,9 +160,7 @@ def test_what_has_ended_is_read_once(workspace: StudioWorkspace, monkeypatch: py
         assert [job.id for job in jobs.all()] == names[::-1] and jobs.report(names[0]).ended
     assert len(read) == 2 * len(names)
     # a new one is seen, and read again until it ends
-    folder = workspace.folder(f"{JOBS_FOLDER}/20260102-000000-report")
-    write_stored(folder / "job.json", {"work": "report", "title": "T", "arguments": {}})
-    write_stored(folder / "state.json", {"state": "running", "reported_s": time.time()})
+    folder = stored_job(workspace, "20260102-000000-report", {"state": "running", "reported_s": time.time()})
     assert [job.id for job in jobs.running()] == [folder.name]
     write_stored(folder / "state.json", {"state": "done"})
     assert jobs.running() == []
@@ -166,13 +168,10 @@ def test_what_has_ended_is_read_once(workspace: StudioWorkspace, monkeypatch: py
 
 @pytest.mark.parametrize("reported_s", [1e18, float("inf"), float("nan"), -1e18, "yesterday", [1]])
 def test_a_time_that_cannot_be_is_of_no_running_job(workspace: StudioWorkspace, reported_s: Any) -> None:
-    folder = workspace.folder(f"{JOBS_FOLDER}/one")
-    write_stored(folder / "job.json", {"work": "live", "title": "T", "arguments": {}, "begun_s": reported_s})
-    write_stored(folder / "state.json", {"state": "running", "reported_s": reported_s})
+    stored_job(workspace, "one", {"state": "running", "reported_s": reported_s}, begun_s=reported_s)
     assert Jobs(workspace).running() == []
     # a clock that was set back a little is no reason
-    write_stored(folder / "job.json", {"work": "live", "title": "T", "arguments": {}, "begun_s": time.time() + 5})
-    write_stored(folder / "state.json", {"state": "running", "reported_s": time.time() + 5})
+    stored_job(workspace, "one", {"state": "running", "reported_s": time.time() + 5}, begun_s=time.time() + 5)
     assert [job.id for job in Jobs(workspace).running()] == ["one"]
 
 
@@ -213,3 +212,46 @@ def test_state_files_are_for_their_owner_only(workspace: StudioWorkspace) -> Non
 )
 def test_a_study_with_failed_trials_has_no_green_light(report: Report, shown: tuple[str, str]) -> None:
     assert state_of(report) == shown
+
+
+# --- one live session at a time, which gets the cameras
+
+
+class Idle:
+    """Stands for the process of a job: it reports nothing yet."""
+
+    returncode = None
+
+    def __init__(self, *_: Any, **__: Any) -> None:
+        pass
+
+    def poll(self) -> None:
+        """It runs."""
+
+
+@pytest.fixture
+def jobs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Jobs:
+    monkeypatch.setattr(jobs_module.subprocess, "Popen", Idle)
+    return Jobs(StudioWorkspace(tmp_path))
+
+
+def cancelled(jobs: Jobs, job: str) -> bool:
+    return (jobs._folder(job) / "cancel").exists()
+
+
+def test_start_pressed_twice_starts_one_session(jobs: Jobs) -> None:
+    jobs.start(LIVE, "one", {})
+    jobs.start(LIVE, "two", {})
+    assert [job.title for job in jobs.running(LIVE)] == ["one"] and len(jobs.all()) == 1
+
+
+def test_a_session_takes_cameras_that_are_only_looked_at(jobs: Jobs) -> None:
+    looking = jobs.start(WATCH, "Images of 2 cameras", {"sources": {}})
+    jobs.start(LIVE, "one", {})
+    assert cancelled(jobs, looking.id) and [job.title for job in jobs.running(LIVE)] == ["one"]
+
+
+def test_a_session_waits_for_a_calibration_that_is_recorded(jobs: Jobs) -> None:
+    recording = jobs.start(WATCH, "Recording calibrations/room/verify-1", {"record": "calibrations/room/verify-1"})
+    refusal(InputError, r"Recording calibrations/room/verify-1.*stop it first", jobs.start, LIVE, "one", {})
+    assert not cancelled(jobs, recording.id) and jobs.running(LIVE) == []

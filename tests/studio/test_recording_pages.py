@@ -8,6 +8,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
+from checks import refusal
 from fastapi import FastAPI
 from fastapi.testclient import TestClient
 from small_session import COUNT, PERIOD_NS, SIZE_WH, grey, saved_session
@@ -30,6 +31,7 @@ from posefuse_sim.rig_plan import (
 )
 from posefuse_sim.scene import Scene, check_scene, plain_settings, read_scene, scene_text
 from posefuse_studio.app import add_routes
+from posefuse_studio.jobs import JOBS_FOLDER
 from posefuse_studio.pages.recording import Curve, chart_options
 from posefuse_studio.pages.simulate import RoomMap, error_map, nearest_camera, room_svg
 from posefuse_studio.player import ResultPlayer, open_recording
@@ -112,13 +114,11 @@ def test_a_plan_is_changed_camera_by_camera() -> None:
     moved = with_camera(more, PlacedCamera(name=name, position_m=(1.0, -3.0, 2.0)))
     assert camera_of(moved, name).position_m == (1.0, -3.0, 2.0)
     assert without_camera(moved, name) == scene
-    with pytest.raises(ConfigError, match="own position"):
-        with_camera(scene, PlacedCamera(name=name, position_m=(0.0, 0.0, 1.0)))
+    refusal(ConfigError, "own position", lambda: with_camera(scene, PlacedCamera(name=name, position_m=(0.0, 0.0, 1.0))))
     only = scene
     for camera in placed_cameras(scene.cameras)[1:]:
         only = without_camera(only, camera.name)
-    with pytest.raises(ConfigError, match="needs a camera"):
-        without_camera(only, "cam00")
+    refusal(ConfigError, "needs a camera", without_camera, only, "cam00")
 
 
 def test_a_kept_plan_is_a_scene_file_that_can_be_rendered(tmp_path: Path) -> None:
@@ -144,16 +144,23 @@ def test_a_small_picture_is_fetched_by_name(client: TestClient) -> None:
     assert answer.headers["content-type"] == "image/jpeg"
     assert cv2.imdecode(np.frombuffer(answer.content, np.uint8), cv2.IMREAD_COLOR) is not None
     assert client.get("/studio/thumbnail", params={"name": "walk"}).status_code == 404
+    assert client.get("/studio/file", params={"name": "result"}).status_code == 404
 
 
-@pytest.mark.parametrize("name", ["../secret.txt", "/etc/passwd", "link", "result", "nowhere.html"])
-def test_no_file_outside_the_workspace_is_fetched(client: TestClient, workspace: StudioWorkspace, name: str) -> None:
-    secret = workspace.root.parent / "secret.txt"
-    secret.write_text("secret")
+NO_FILES = ("../secret.txt", "/etc/passwd", "link", "nowhere.html", "x" * 300, "a/" * 3000 + "b", "\0", "", f"{JOBS_FOLDER}/a")
+
+
+@pytest.mark.parametrize("name", NO_FILES, ids=range(len(NO_FILES)))
+def test_no_file_outside_the_workspace_or_of_its_jobs_is_fetched(
+    client: TestClient, workspace: StudioWorkspace, name: str
+) -> None:
+    secret, state = workspace.root.parent / "secret.txt", workspace.folder(JOBS_FOLDER) / "a"
+    for file in (secret, state):
+        file.write_text("what no page shows")
     (workspace.root / "link").symlink_to(secret)
-    answer = client.get("/studio/file", params={"name": name})
-    assert answer.status_code == 404
-    assert "secret\n" not in answer.text
+    for kind in ("file", "thumbnail"):
+        answer = client.get(f"/studio/{kind}", params={"name": name})
+        assert answer.status_code == 404 and "what no page shows" not in answer.text
 
 
 def test_a_page_of_the_workspace_can_do_nothing_to_the_studio(client: TestClient, workspace: StudioWorkspace) -> None:

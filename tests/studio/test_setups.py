@@ -5,6 +5,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
+from checks import refusal
 
 from posefuse.calibration.targets.kinds import Charuco, Markers, read_target
 from posefuse.core import InputError
@@ -37,8 +38,7 @@ def test_presets_are_kept(workspace: StudioWorkspace) -> None:
     setup = Setup(name="two webcams", sources=CAMERAS)
     save_setup(workspace, setup)
     assert setups(workspace) == [Setup(name=DEMO), setup] and setup_named(workspace, "two webcams") == setup
-    with pytest.raises(InputError, match="not calibrated"):
-        rig_of_setup(workspace, setup)
+    refusal(InputError, "not calibrated", rig_of_setup, workspace, setup)
     delete_setup(workspace, "two webcams")
     assert setups(workspace) == [Setup(name=DEMO)]
 
@@ -88,8 +88,7 @@ def test_targets_are_printed_with_what_describes_them(workspace: StudioWorkspace
     # again: there are still two
     print_targets(workspace, sizes, "a4", "intrinsics")
     assert targets(workspace, "intrinsics") == [board] and targets(workspace, "extrinsics") == [cube]
-    with pytest.raises(InputError, match="a number in each field"):
-        print_targets(workspace, {"marker_mm": 120}, "a4", "intrinsics")
+    refusal(InputError, "a number in each field", print_targets, workspace, {"marker_mm": 120}, "a4", "intrinsics")
 
 
 def test_blur_is_noticed_and_a_sharp_image_is_not_blamed() -> None:

@@ -7,6 +7,7 @@ from collections.abc import AsyncIterator
 from pathlib import Path
 
 import pytest
+from checks import refusal
 
 from posefuse.core import InputError
 from posefuse.realtime.inputs import inputs_from_arguments
@@ -24,14 +25,12 @@ def workspace(tmp_path: Path) -> StudioWorkspace:
 
 @pytest.mark.parametrize("name", ["", "..", "../outside/secret.txt", "a/../../b", "/etc/passwd", "C:/x", "a\\..\\b", "a\0b"])
 def test_a_path_that_leaves_the_workspace_is_refused(workspace: StudioWorkspace, name: str) -> None:
-    with pytest.raises(InputError, match="inside the workspace"):
-        workspace.path(name)
+    refusal(InputError, "inside the workspace", workspace.path, name)
 
 
 def test_a_link_that_leaves_the_workspace_is_refused(workspace: StudioWorkspace) -> None:
     (workspace.root / "link").symlink_to(workspace.root.parent / "outside")
-    with pytest.raises(InputError, match="leads out"):
-        workspace.path("link/secret.txt")
+    refusal(InputError, "leads out", workspace.path, "link/secret.txt")
     assert workspace.files(".txt") == []
 
 
@@ -41,10 +40,8 @@ def test_paths_inside_are_found_and_named(workspace: StudioWorkspace) -> None:
     assert workspace.existing("a/b/c.toml") == place / "c.toml"
     assert workspace.name_of(place / "c.toml") == "a/b/c.toml"
     assert workspace.files(".toml") == ["a/b/c.toml"]
-    with pytest.raises(InputError, match="not in the workspace"):
-        workspace.existing("a/b/d.toml")
-    with pytest.raises(InputError, match="not inside"):
-        workspace.name_of(workspace.root.parent / "outside")
+    refusal(InputError, "not in the workspace", workspace.existing, "a/b/d.toml")
+    refusal(InputError, "not inside", workspace.name_of, workspace.root.parent / "outside")
 
 
 def test_a_free_name_is_free(workspace: StudioWorkspace) -> None:
@@ -88,16 +85,14 @@ def test_an_upload_is_bounded_and_never_replaces_a_file(workspace: StudioWorkspa
 
     assert asyncio.run(workspace.upload("videos", "cam 1.mp4", parts())) == "videos/cam 1.mp4"
     assert asyncio.run(workspace.upload("videos", "cam 1.mp4", parts())) == "videos/cam 1-2.mp4"
-    with pytest.raises(InputError, match="more than"):
-        asyncio.run(workspace.upload("videos", "large.mp4", parts(), most_bytes=8))
+    refusal(InputError, "more than", lambda: asyncio.run(workspace.upload("videos", "large.mp4", parts(), most_bytes=8)))
     assert sorted(path.name for path in (workspace.root / "videos").iterdir()) == ["cam 1-2.mp4", "cam 1.mp4"]
     assert (workspace.root / "videos" / "cam 1.mp4").read_bytes() == b"1234" * 3
 
 
 def test_a_name_that_is_too_long_for_the_disk_is_of_no_file(workspace: StudioWorkspace) -> None:
     for name in ("x" * 300, "a/" * 3000 + "b"):
-        with pytest.raises(InputError, match="not in the workspace"):
-            workspace.existing(name)
+        refusal(InputError, "not in the workspace", workspace.existing, name)
 
 
 def test_a_live_recording_is_known_by_its_folder() -> None:

@@ -35,13 +35,25 @@ Point = tuple[float, float, float]
 _LEFT = {
     "eye": (0.10, 0.03, 1.65), "ear": (0.0, 0.08, 1.63), "shoulder": (0.0, 0.19, 1.42), "elbow": (0.03, 0.27, 1.14),
     "wrist": (0.12, 0.28, 0.90), "hip": (0.0, 0.10, 0.93), "knee": (0.03, 0.11, 0.50), "ankle": (0.0, 0.11, 0.09),
-    "heel": (-0.05, 0.11, 0.03), "foot_index": (0.18, 0.11, 0.03),
+    "heel": (-0.05, 0.11, 0.03), "foot_index": (0.18, 0.11, 0.03), "big_toe": (0.18, 0.11, 0.03), "small_toe": (0.14, 0.15, 0.03),
+    "eye_inner": (0.11, 0.02, 1.65), "eye_outer": (0.09, 0.05, 1.65), "mouth": (0.11, 0.02, 1.58), "pinky": (0.15, 0.30, 0.83),
+    "index": (0.17, 0.27, 0.82), "thumb": (0.16, 0.25, 0.85),
+}  # fmt: skip
+# the same with straight limbs, where the joints of ROS are at zero
+_STRAIGHT = {
+    "shoulder": (0, 0.2, 1.4), "elbow": (0, 0.2, 1.1), "wrist": (0, 0.2, 0.85), "hip": (0, 0.1, 0.9), "knee": (0, 0.1, 0.5),
+    "ankle": (0, 0.1, 0.1), "ear": (0, 0.08, 1.6), "eye": (0.08, 0.03, 1.63),
 }  # fmt: skip
 
 
 def standing(x: float = 0.0, y: float = 0.0, size: float = 1.0, skeleton: Skeleton = COCO17) -> np.ndarray:
     """(K, 3) a person of 1.75 m times `size` standing at (x, y)."""
     return of_sides(skeleton, _LEFT, nose=(0.12, 0.0, 1.62)) * size + [x, y, 0]
+
+
+def straight(skeleton: Skeleton = COCO17, **left: Point) -> np.ndarray:
+    """(K, 3) a person who stands straight at the origin; `left`: where parts of the left side are, and mirrored of the right."""
+    return of_sides(skeleton, _STRAIGHT | left, nose=(0.1, 0.0, 1.6))
 
 
 def simulated(motion: Mapping[str, Any], seconds: float, rate_hz: float) -> np.ndarray:

@@ -29,6 +29,13 @@ def marker_page() -> np.ndarray:
     return page
 
 
+def refined(image: np.ndarray, guess: np.ndarray, half_px: int) -> np.ndarray:
+    """(Q, 2) corners of an RGB image near these (Q, 2), found in windows of 2 `half_px` + 1."""
+    stop = (cv2.TERM_CRITERIA_EPS + cv2.TERM_CRITERIA_MAX_ITER, 60, 1e-3)
+    grey, near = cv2.cvtColor(image, cv2.COLOR_RGB2GRAY), guess.astype(np.float32).reshape(-1, 1, 2).copy()
+    return cv2.cornerSubPix(grey, near, (half_px, half_px), (-1, -1), stop)[:, 0]
+
+
 def differences(a: Rig, b: Rig, scaled: bool = False) -> tuple[np.ndarray, np.ndarray]:
     """Distance (C,) in m and angle (C,) in rad of each camera, up to where the world is, and up to scale on request."""
     one, other = poses_of(a), poses_of(b)

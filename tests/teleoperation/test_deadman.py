@@ -9,6 +9,7 @@ import urllib.request
 
 import numpy as np
 import pytest
+from checks import refusal
 
 from bench.rehearsal.person import person_view
 from posefuse.core import ConfigError, SourceError
@@ -138,12 +139,10 @@ def test_buttons_of_the_page(web):
 
 
 def test_a_gesture_alone_is_refused_where_it_is_not_enough():
-    with pytest.raises(ConfigError, match="--i-have-an-emergency-stop"):
-        open_deadman("gesture", gesture_allowed=False)
+    refusal(ConfigError, "--i-have-an-emergency-stop", open_deadman, "gesture", gesture_allowed=False)
     open_deadman("gesture", gesture_allowed=True).close()
 
 
 @pytest.mark.parametrize("text", ["", "keys", "joystick", "web:x", "ros:joy", "gesture:left"])
 def test_an_unknown_switch_is_refused_in_one_line(text):
-    with pytest.raises(ConfigError, match="expected one of"):
-        open_deadman(text)
+    refusal(ConfigError, "expected one of", open_deadman, text)

@@ -8,6 +8,7 @@ import time
 
 import numpy as np
 import pytest
+from checks import refusal
 from commanded import order
 from live_session import until
 
@@ -57,8 +58,7 @@ def test_the_robot_moves_by_orders_and_stands_without_them(link):
 def test_a_robot_process_that_is_asked_to_end_brakes_first(link):
     set_moving(link)
     os.kill(link.pid, signal.SIGTERM)
-    with pytest.raises(SourceError, match="its process has ended"):
-        until(lambda: False, link.poll)
+    refusal(SourceError, "its process has ended", until, lambda: False, link.poll)
     assert speed(link.state) == 0.0 and link.state.order_seq == -1
 
 
@@ -70,14 +70,12 @@ def test_a_closed_terminal_leaves_the_robot_to_the_operators_side(link):
 
 def test_a_robot_process_that_is_killed_is_reported(link):
     os.kill(link.pid, getattr(signal, "SIGKILL", signal.SIGTERM))
-    with pytest.raises(SourceError, match="its process has ended"):
-        until(lambda: False, link.poll)
+    refusal(SourceError, "its process has ended", until, lambda: False, link.poll)
 
 
 def test_a_robot_that_cannot_be_driven_is_reported_in_one_line():
     made = RobotLink(RobotPlan(settings=TeleoperationSettings(), frames=("tool",)))
     try:
-        with pytest.raises(ConfigError, match="no site 'tool'"):
-            made.wait_ready()
+        refusal(ConfigError, "no site 'tool'", made.wait_ready)
     finally:
         made.close()

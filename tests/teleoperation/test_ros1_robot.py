@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from checks import refusal
 from ros1_master import wait_for_master
 
 pytest.importorskip("rosbags")
@@ -80,5 +81,4 @@ JOY = message("sensor_msgs/msg/Joy", header=header(1, ""), axes=np.array([0.25],
 def test_bytes_of_ros1_come_back_as_they_went(msg):
     raw = ros1_bytes(msg)
     assert encode(ros2_message(raw, msg.__msgtype__)) == encode(msg)
-    with pytest.raises(MessageError, match="malformed ROS 1 message"):
-        ros2_message(raw[: len(raw) // 2], msg.__msgtype__)
+    refusal(MessageError, "malformed ROS 1 message", lambda: ros2_message(raw[: len(raw) // 2], msg.__msgtype__))

@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from checks import refusal
 from commanded import commanded
 from own_domain import own_domain
 
@@ -119,18 +120,8 @@ def test_joints_of_our_inverse_kinematics_go_to_a_controller(tmp_path, controlle
         robot.close()
 
 
-def test_a_robot_that_falls_silent_has_a_fault():
-    with robot_node():
-        robot = open_ros_robot("pose", PLAN, None, ("tool",), SETTINGS)
-        assert not robot.state().fault
-    time.sleep(0.4)
-    assert "nothing new" in robot.state().fault
-    robot.close()
-
-
 def test_what_cannot_be_is_refused_in_one_line():
-    with pytest.raises(ConfigError, match="the model of the robot"):
-        open_ros_robot("joints", PLAN, None, ("tool",), SETTINGS)
+    refusal(ConfigError, "the model of the robot", open_ros_robot, "joints", PLAN, None, ("tool",), SETTINGS)
 
 
 def test_state_target_box_and_diagnostics_are_recorded(tmp_path):

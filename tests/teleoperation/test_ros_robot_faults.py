@@ -6,11 +6,12 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from checks import refusal
 from commanded import commanded
 
 pytest.importorskip("rosbags")
 
-from posefuse.core import SE3
+from posefuse.core import SE3, MessageError
 from posefuse.foundation.requests_to_end import REQUESTS_TO_END
 from posefuse_ros.body_messages import transform
 from posefuse_ros.dds import Sample
@@ -260,7 +261,7 @@ def test_the_distance_is_kept_from_where_the_joints_are_and_from_where_they_are_
     assert hand.min() < 0.1
 
 
-def refusal(trajectory, now_s):
+def why_refused(trajectory, now_s):
     """Why a joint_trajectory_controller of ros2_control with its default parameters takes no such trajectory."""
     if not trajectory.points or trajectory.joint_names != [f"right_j{i + 1}" for i in range(7)]:
         return "joints"
@@ -291,7 +292,7 @@ def test_every_trajectory_is_one_that_a_controller_takes_and_ends_at_rest(clock,
     last = moving(robot)
     assert np.abs(last.points[0].velocities).max() > 0.05
     trajectories = [msg for msg in node.sent if hasattr(msg, "points")]
-    assert [refusal(one, clock.s + 0.1) for one in trajectories] == [""] * 30
+    assert [why_refused(one, clock.s + 0.1) for one in trajectories] == [""] * 30
     for one in trajectories:
         moves, rests, stays = one.points
         assert np.array_equal(rests.positions, stays.positions) and not np.any(stays.velocities)
@@ -300,7 +301,7 @@ def test_every_trajectory_is_one_that_a_controller_takes_and_ends_at_rest(clock,
         travel, most = rests.positions - moves.positions, moves.velocities * seconds
         share = float(travel @ most / max(most @ most, 1e-12))
         assert travel == pytest.approx(share * most, abs=1e-9) and share + (np.abs(most).max() < 0.003) > 0.1 and share < 0.6
-    assert "velocity at the end" in refusal(message(last.__msgtype__, **{**vars(last), "points": last.points[:1]}), clock.s)
+    assert "velocity at the end" in why_refused(message(last.__msgtype__, **{**vars(last), "points": last.points[:1]}), clock.s)
 
 
 def test_a_trajectory_does_not_brake_beyond_the_joints_limits(jointed):
@@ -346,3 +347,47 @@ def test_a_base_that_no_message_reports_counts_as_where_it_was_driven(jointed):
     robot.joints.begin(robot.joints.q + np.where(robot.joints.chain.arm, 0.0, 0.2))
     state = robot.state()
     assert state.measured_xyz_world == pytest.approx(state.xyz_world)
+
+
+# --- where a robot's frame is in the world, by the transforms other nodes publish
+
+
+def some(seed):
+    rng = np.random.default_rng(seed)
+    return SE3.from_rotvec(rng.normal(size=3), rng.normal(size=3))
+
+
+def test_a_chain_is_walked_in_both_directions():
+    frames, a, b, c = Frames(), some(1), some(2), some(3)
+    frames.add("map", "world", a)
+    frames.add("map", "odom", b)
+    frames.add("odom", "base", c)
+    expected = (b @ c).inverse() @ a
+    np.testing.assert_allclose(frames.find("base", "world").matrix4(), expected.matrix4(), atol=1e-12)
+    np.testing.assert_allclose(frames.find("world", "base").matrix4(), expected.inverse().matrix4(), atol=1e-12)
+    np.testing.assert_allclose(frames.find("base", "base").matrix4(), np.eye(4))
+    assert frames.find("base", "elsewhere") is None
+    frames.add("odom", "base", a)
+    np.testing.assert_allclose(frames.find("odom", "base").matrix4(), a.matrix4(), atol=1e-12)
+
+
+def test_a_circle_of_frames_ends():
+    frames = Frames()
+    frames.add("a", "b", some(1))
+    frames.add("b", "a", some(2))
+    assert frames.find("world", "a") is None
+
+
+def test_a_message_is_taken_with_and_without_a_leading_slash():
+    frames, place = Frames(), some(3)
+    frames.take(transform(0, "/world", "/base", place))
+    np.testing.assert_allclose(frames.find("world", "base").matrix4(), place.matrix4(), atol=1e-12)
+    np.testing.assert_allclose(frames.find("/base", "world").matrix4(), place.inverse().matrix4(), atol=1e-12)
+
+
+@pytest.mark.parametrize("wrong", [{"x": float("nan")}, {"w": 0.4}, {}])
+def test_a_message_without_a_rotation_is_refused(wrong):
+    frames, msg = Frames(), transform(0, "world", "base", some(4))
+    msg.transform.rotation = message("geometry_msgs/msg/Quaternion", **({"x": 0.0, "y": 0.0, "z": 0.0, "w": 0.0} | wrong))
+    refusal(MessageError, "tf of base: expected finite numbers", frames.take, msg)
+    assert frames.find("world", "base") is None

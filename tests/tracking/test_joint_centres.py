@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from built import of_sides, poses, recording_from_views
+from built import poses, recording_from_views, straight
 from scipy.spatial.transform import Rotation
 
 from posefuse.core import JointCentres, PoseSequence
@@ -33,12 +33,8 @@ def people(seed: int = 3) -> PoseSequence:
 
 def standing() -> np.ndarray:
     """(K, 3) facing +x, left is +y, hands ahead, left knee bent backwards a little."""
-    left = {
-        "shoulder": (0, 0.2, 1.4), "elbow": (0, 0.2, 1.1), "wrist": (0.25, 0.2, 1.1), "index": (0.33, 0.17, 1.1),
-        "pinky": (0.33, 0.24, 1.1), "hip": (0, 0.1, 0.9), "knee": (0, 0.1, 0.5), "ankle": (0, 0.1, 0.1),
-        "heel": (-0.05, 0.1, 0), "foot_index": (0.2, 0.1, 0), "ear": (0, 0.08, 1.6),
-    }  # fmt: skip
-    return of_sides(BLAZEPOSE33, left, nose=(0.1, 0, 1.6))
+    hand = {"wrist": (0.25, 0.2, 1.1), "index": (0.33, 0.17, 1.1), "pinky": (0.33, 0.24, 1.1)}
+    return straight(BLAZEPOSE33, **hand, heel=(-0.05, 0.1, 0), foot_index=(0.2, 0.1, 0))
 
 
 def test_directions_of_a_person_standing_are_what_their_names_say() -> None:
