@@ -4,7 +4,7 @@
 
 It plays the bundled clip in a temporary workspace, closes tabs, opens two, cuts the connection, and starts the server again. It
 prints a line per trial, and ends with 1 where the session was not the same, a request went elsewhere or a page raised an error.
-Needs Chromium (``--chromium PATH``) and the extra `dev`. The pictures of docs/studio.md are made by `tools/studio_walk.py`.
+Needs Chromium (``--chromium PATH``) and the extra `dev`.
 """
 
 from __future__ import annotations
