@@ -1,20 +1,19 @@
 """Mutation testing: which small changes of the code does no test detect?
 
-Run: python bench/mutation.py [--count 30] [--seed 1] [--only association] [--page docs/mutation.md]
+Run: python bench/mutation.py [--count 30] [--seed 1] [--only association] [--write docs/mutation.md]
 
 A mutant is one changed operator, number or condition. cosmic-ray makes them, tests each in a copy of the repository and keeps the
 results; `--count` mutants of every package are drawn at random and tested by the quick tests of that package; the first failing
 test kills a mutant. What survives is either a missing test or a change without effect: read them.
 
 Each package has a session in `--work` until its code or its tests change: a run that was stopped continues, and
-`cr-report SESSION --show-diff` lists it. JSON goes to stdout.
+`cr-report SESSION --show-diff` lists it. Tables on stderr, one JSON object on stdout.
 """
 
 from __future__ import annotations
 
 import contextlib
 import hashlib
-import json
 import os
 import random
 import re
@@ -32,8 +31,7 @@ from cosmic_ray.commands import init
 from cosmic_ray.mutating import mutate_and_test
 from cosmic_ray.work_db import WorkDB, use_db
 from cosmic_ray.work_item import MutationSpec, WorkItem
-from harness import ROOT, arguments, note, show
-from page_marks import markdown
+from harness import ROOT, Row, answer, arguments, note
 
 # what decides whether and how fast a robot moves
 _GUARDS = ("gate", "limits", "follower", "separation", "mapping", "kinematics", "joints")
@@ -160,36 +158,22 @@ def change(result: Any) -> str:
     return " -> ".join(one[1].strip() for one in (before, after) if one).replace("|", "\\|")
 
 
-def results_of(session: WorkDB) -> dict[str, Any]:
-    """Counts and survivors of a package."""
+def results_of(package: str, session: WorkDB) -> tuple[Row, list[Row]]:
+    """Counts, and the survivors."""
     done = sorted(session.completed_work_items, key=lambda pair: in_order(pair[0]))
-    alive = [{"place": place_of(item), "change": change(result)} for item, result in done if not result.is_killed]
-    killed = len(done) - len(alive)
-    counts = {"mutants drawn": session.num_work_items, "tested": len(done), "killed": killed}
-    return {**counts, "score": f"{killed / len(done):.0%}" if done else "", "survivors": alive}
-
-
-def page(results: dict[str, dict[str, Any]], seed: int) -> str:
-    """The page of the docs."""
-    columns = ("mutants drawn", "tested", "killed", "score")
-    parts = [
-        "# Mutation testing",
-        "How many small changes of the code do the quick tests of a package detect? A mutant is one changed operator, number or "
-        "condition; a random sample of each package's mutants is tested, one at a time, and the first failing test kills a "
-        f"mutant. Made by `make mutation` (`bench/mutation.py`, seed {seed}).",
-        markdown(["package", *columns], [[name, *(str(one[column]) for column in columns)] for name, one in results.items()]),
-        "A survivor is a missing test, or a change without effect (for example a tolerance that is a little larger).",
+    alive = [
+        {"package": package, "place": f"`{place_of(item)}`", "change": f"`{change(result)}`"}
+        for item, result in done
+        if not result.is_killed
     ]
-    for name, one in results.items():
-        if one["survivors"]:
-            rows = [[f"`{each['place']}`", f"`{each['change']}`"] for each in one["survivors"]]
-            parts += [f"## Survivors in {name}", markdown(["place", "change"], rows)]
-    return "\n\n".join(parts) + "\n"
+    killed = len(done) - len(alive)
+    counts = {"package": package, "mutants drawn": session.num_work_items, "tested": len(done), "killed": killed}
+    return {**counts, "score": f"{killed / len(done):.0%}" if done else ""}, alive
 
 
 def main() -> None:
-    args = arguments(__doc__, count=30, seed=1, only=PACKAGES, work=Path("out/mutation"), page=Path)
-    work, results = args.work.resolve(), {}
+    args = arguments(__doc__, count=30, seed=1, only=PACKAGES, work=Path("out/mutation"))
+    work, rows, survivors = args.work.resolve(), [], []
     work.mkdir(parents=True, exist_ok=True)
     with copied(work / "copy"):
         for package in PACKAGES:
@@ -199,11 +183,10 @@ def main() -> None:
                     draw(session, paths, args.count, args.seed)
                 if package in args.only:
                     test_mutants(session, tests)
-                results[package] = results_of(session)
-    show("Mutants", [{"package": name, **{key: one[key] for key in one if key != "survivors"}} for name, one in results.items()])
-    print(json.dumps(results, indent=2))
-    if args.page:
-        args.page.write_text(page(results, args.seed), encoding="utf-8")
+                row, alive = results_of(package, session)
+            rows.append(row)
+            survivors += alive
+    answer(args, {"Mutants": rows} | ({"Survivors": survivors} if survivors else {}))
 
 
 if __name__ == "__main__":
