@@ -56,9 +56,6 @@ class _Recorded(Terminal):
     def warn(self, text: str) -> None:
         self.words.append(f"warning: {text}")
 
-    def table(self, title: str, columns: object, rows: object) -> None:
-        pass
-
 
 def room(seed: int) -> Rig:
     """Three cameras near each other, without distortion, since the markers are drawn by homographies."""
