@@ -14,9 +14,9 @@ from pathlib import Path
 
 import numpy as np
 from bodies import scene_of, seeds_of
-from body_figures import ENDS, JOINTS, SIDES
+from body_figures import ENDS, SIDES
 from detect import CORES, SIZES_WH, measure
-from harness import DATA, OUT, Row, Use, answer, arguments, note, rendered, tracked, truth_of
+from harness import DATA, JOINTS, OUT, Row, Use, answer, arguments, note, rendered, tracked, truth_of
 from real_footage import LIMBS, limbs_of, row
 
 from posefuse.detection.build import network_settings
