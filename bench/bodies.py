@@ -116,13 +116,10 @@ def seeds_of(keep: Path, count: int, given: str) -> list[int]:
 
 def views_of(recording: Recording) -> list[Detections2D]:
     """The first look at every frame, in the order of exposure."""
-    seen, found, row = recording.observations, {}, 0
-    for frame, count in enumerate(seen.n_detections.tolist()):
-        rows, row = slice(row, row + count), row + count
-        camera, t_ns = seen.camera_names[seen.frame_camera[frame]], int(seen.frame_t_ns[frame])
-        if count and (t_ns, camera) not in found:
-            arrays = {name: getattr(seen, name)[rows] for name in ("xy_img", "score", "sigma_px", "box_img")}
-            found[t_ns, camera] = Detections2D(camera=camera, t_ns=t_ns, skeleton=seen.skeleton, **arrays)
+    seen, found = recording.observations, dict[tuple[int, str], Detections2D]()
+    for frame in np.flatnonzero(seen.n_detections):
+        one = seen.detections(frame)
+        found.setdefault((one.t_ns, one.camera), one)
     return [found[key] for key in sorted(found)]
 
 
