@@ -15,7 +15,7 @@ from scenes import OUTPUT_HZ, WARM_UP_S, walk
 
 from paper.scenes.scenes import HIDDEN_JOINTS, half_hidden_scene, ring
 from posefuse.core import Detections2D, JointCentres, LiveJointCentres, Pose3D, Recording, Truth
-from posefuse.core.skeleton import PAPER14
+from posefuse.core.skeleton import PAPER14, SIDES
 from posefuse.formats.joint_centres import joint_centres_from_mapping
 from posefuse.realtime.config import LiveConfig
 from posefuse.realtime.estimator import warmed_up
@@ -23,7 +23,6 @@ from posefuse.tracking.online import MOTION, LiveMotion
 from posefuse_sim.scene import Scene
 
 BEST = "blazepose_best"
-_SIDES = ("left", "right")
 _WALK = walk({"shape": "random", "low_m": [-1.8, -1.8], "high_m": [1.8, 1.8]})
 _OCCLUDERS = (
     {"kind": "wall", "from_m": [1.5, -0.6], "to_m": [1.4, 0.8], "height_m": 1.3},
@@ -89,7 +88,7 @@ def scene_of(name: str, seed: int) -> Scene:
 def _motion(name: str, seed: int) -> dict[str, Any]:
     """Where a person faces, with which arm, and how fast, differ from body to body."""
     rng = np.random.default_rng([seed, 5])
-    heading, side, pace = float(rng.uniform(0, 360)), _SIDES[int(rng.integers(2))], float(rng.uniform(0.85, 1.15))
+    heading, side, pace = float(rng.uniform(0, 360)), SIDES[int(rng.integers(2))], float(rng.uniform(0.85, 1.15))
     if name == "walk":
         return _WALK
     if name.startswith("T-pose"):

@@ -10,12 +10,11 @@ from harness import JOINTS, exact_poses
 
 from posefuse.core import PoseSequence, Truth
 from posefuse.core.joint_centres import SEGMENT_ENDS
-from posefuse.core.skeleton import pick_keypoints
+from posefuse.core.skeleton import SIDES, pick_keypoints
 from posefuse.evaluation.metrics import joint_errors, true_xyz_at, typical_nees
 from posefuse.kinematics import JOINT_NAMES, joints_from_poses
 from posefuse.tracking.body_directions import segment_lengths
 
-SIDES = ("left", "right")
 ENDS = tuple(joint.removeprefix("left_") for joint in JOINTS if joint.startswith("left_"))
 FLEXIONS = ("hip", "knee", "elbow")
 SIGMAS_90 = 1.645
