@@ -3,10 +3,10 @@
     nice -n 5 python bench/live_soak.py [--minutes 60] [--cameras 4] [--groups 2] [--networks NAME]
         [--session examples/demo]
 
-A simulated session is played at the pace of the clock, again and again, and recorded; then Ctrl-C. Every few seconds the memory
-of every process is read. Growth is the slope of a straight line through what was read after the warm-up. Latency over time is read
-from the recording: from the exposure of an image until its keypoints were in the tracker, and by how much outputs were late. Tables
-on stderr, one JSON object on stdout.
+A simulated session is played at the pace of the clock, again and again, and recorded; then Ctrl-C. Every few seconds the
+memory of every process is read. Growth is the slope of a straight line through what was read after the warm-up. Latency over
+time is read from the recording: from the exposure of an image until its keypoints were in the tracker, and by how much
+outputs were late. Tables on stderr, one JSON object on stdout.
 """
 
 import argparse
