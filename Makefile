@@ -115,10 +115,10 @@ bench: with-dev$(MORE)
 		$(BIN)/python bench/$$name.py --write docs/benchmarks.md || exit; done
 
 calibration-faults: with-dev$(MORE)
-	nice $(BIN)/python bench/calibration_faults.py --page docs/calibration_faults.md
+	nice $(BIN)/python bench/calibration_faults.py --write docs/calibration_faults.md
 
 mutation: with-dev$(MORE),mutation
-	nice $(BIN)/python bench/mutation.py --count 7 --seed 20261128 --page docs/mutation.md
+	nice $(BIN)/python bench/mutation.py --count 7 --seed 20261128 --write docs/mutation.md
 
 bench-live: with-dev$(MORE)
 	for name in live live_overload; do $(BIN)/python bench/$$name.py --write docs/benchmarks.md || exit; done

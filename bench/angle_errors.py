@@ -10,6 +10,7 @@ import numpy as np
 from posefuse.core import SE3, SKELETONS, InputError, JointAngles, PoseSequence
 from posefuse.core.arrays import Array
 from posefuse.core.errors import choices
+from posefuse.core.view_sequences import nearest_frames
 from posefuse.formats.c3d import C3dData, read_c3d
 
 _NEAREST_NS = 2_000_000
@@ -75,8 +76,7 @@ def angle_errors(estimate: JointAngles, reference: JointAngles) -> list[AngleErr
 
 def _matched(t_ns: Array, reference_ns: Array) -> tuple[Array, Array]:
     """Places in both of time steps that are the same."""
-    place = np.clip(np.searchsorted(reference_ns, t_ns), 1, len(reference_ns) - 1)
-    place -= np.abs(reference_ns[place - 1] - t_ns) < np.abs(reference_ns[place] - t_ns)
+    place = nearest_frames(reference_ns, t_ns)
     same = np.flatnonzero(np.abs(reference_ns[place] - t_ns) <= _NEAREST_NS)
     if not len(same):
         raise InputError("angles: estimate and reference have no time step in common (within 2 ms)")

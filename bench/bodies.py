@@ -15,7 +15,7 @@ from scenes import OUTPUT_HZ, WARM_UP_S, walk
 
 from paper.scenes.scenes import HIDDEN_JOINTS, half_hidden_scene, ring
 from posefuse.core import Detections2D, JointCentres, LiveJointCentres, Pose3D, Recording, Truth
-from posefuse.core.skeleton import PAPER14
+from posefuse.core.skeleton import PAPER14, SIDES
 from posefuse.formats.joint_centres import joint_centres_from_mapping
 from posefuse.realtime.config import LiveConfig
 from posefuse.realtime.estimator import warmed_up
@@ -23,7 +23,6 @@ from posefuse.tracking.online import MOTION, LiveMotion
 from posefuse_sim.scene import Scene
 
 BEST = "blazepose_best"
-_SIDES = ("left", "right")
 _WALK = walk({"shape": "random", "low_m": [-1.8, -1.8], "high_m": [1.8, 1.8]})
 _OCCLUDERS = (
     {"kind": "wall", "from_m": [1.5, -0.6], "to_m": [1.4, 0.8], "height_m": 1.3},
@@ -89,7 +88,7 @@ def scene_of(name: str, seed: int) -> Scene:
 def _motion(name: str, seed: int) -> dict[str, Any]:
     """Where a person faces, with which arm, and how fast, differ from body to body."""
     rng = np.random.default_rng([seed, 5])
-    heading, side, pace = float(rng.uniform(0, 360)), _SIDES[int(rng.integers(2))], float(rng.uniform(0.85, 1.15))
+    heading, side, pace = float(rng.uniform(0, 360)), SIDES[int(rng.integers(2))], float(rng.uniform(0.85, 1.15))
     if name == "walk":
         return _WALK
     if name.startswith("T-pose"):
@@ -116,13 +115,10 @@ def seeds_of(keep: Path, count: int, given: str) -> list[int]:
 
 def views_of(recording: Recording) -> list[Detections2D]:
     """The first look at every frame, in the order of exposure."""
-    seen, found, row = recording.observations, {}, 0
-    for frame, count in enumerate(seen.n_detections.tolist()):
-        rows, row = slice(row, row + count), row + count
-        camera, t_ns = seen.camera_names[seen.frame_camera[frame]], int(seen.frame_t_ns[frame])
-        if count and (t_ns, camera) not in found:
-            arrays = {name: getattr(seen, name)[rows] for name in ("xy_img", "score", "sigma_px", "box_img")}
-            found[t_ns, camera] = Detections2D(camera=camera, t_ns=t_ns, skeleton=seen.skeleton, **arrays)
+    seen, found = recording.observations, dict[tuple[int, str], Detections2D]()
+    for frame in np.flatnonzero(seen.n_detections):
+        one = seen.detections(frame)
+        found.setdefault((one.t_ns, one.camera), one)
     return [found[key] for key in sorted(found)]
 
 

@@ -6,16 +6,15 @@ from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
+from harness import JOINTS, exact_poses
 
 from posefuse.core import PoseSequence, Truth
 from posefuse.core.joint_centres import SEGMENT_ENDS
-from posefuse.core.skeleton import PAPER14, pick_keypoints
+from posefuse.core.skeleton import SIDES, pick_keypoints
 from posefuse.evaluation.metrics import joint_errors, true_xyz_at, typical_nees
 from posefuse.kinematics import JOINT_NAMES, joints_from_poses
 from posefuse.tracking.body_directions import segment_lengths
 
-SIDES = ("left", "right")
-JOINTS = tuple(joint for joint in PAPER14.keypoints if joint not in ("neck", "mid_hip"))
 ENDS = tuple(joint.removeprefix("left_") for joint in JOINTS if joint.startswith("left_"))
 FLEXIONS = ("hip", "knee", "elbow")
 SIGMAS_90 = 1.645
@@ -38,7 +37,7 @@ def figures(poses: PoseSequence, truth: Truth) -> dict[str, Any]:
         "within_90": dict(zip(JOINTS, _held(away, sigma, (0, 2)), strict=True)),
         "length_off": dict(zip(SEGMENT_ENDS, (np.abs(lengths - true_lengths) / true_lengths).tolist(), strict=True)),
         "skate_mm": skate_mm(poses, truth),
-        **_flexions(poses, truth, inside, true_xyz),
+        **_flexions(poses, truth, inside),
     }
 
 
@@ -74,21 +73,10 @@ def _stances(t_ns: np.ndarray, xyz: np.ndarray) -> Iterator[tuple[int, int]]:
             yield int(t_ns[begin]), int(t_ns[end - 1])
 
 
-def _flexions(poses: PoseSequence, truth: Truth, inside: np.ndarray, true_xyz: np.ndarray) -> dict[str, dict[str, float]]:
+def _flexions(poses: PoseSequence, truth: Truth, inside: np.ndarray) -> dict[str, dict[str, float]]:
     """RMSE of flexion angles in degrees, both sides together, and the share of 90 % intervals that hold."""
-    shape = true_xyz.shape[:2]
-    exact = PoseSequence(
-        t_ns=poses.t_ns[inside],
-        skeleton=truth.skeleton,
-        person_id=np.arange(1),
-        xyz_world=true_xyz[:, None],
-        cov_world=np.broadcast_to(np.eye(3) * 1e-8, (shape[0], 1, shape[1], 3, 3)),
-        reproj_px=np.ones((shape[0], 1, shape[1])),
-        n_views=np.full((shape[0], 1, shape[1]), 4),
-        kind=np.ones((shape[0], 1, shape[1])),
-    )
     joints = joints_from_poses(poses)
-    wanted = joints_from_poses(exact).angle_rad[:, 0]
+    wanted = joints_from_poses(exact_poses(truth, poses.t_ns[inside])).angle_rad[:, 0]
     rmse, held = {}, {}
     for joint in FLEXIONS:
         at = [JOINT_NAMES.index(f"{side}_{joint}") for side in SIDES]

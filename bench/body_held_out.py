@@ -16,10 +16,11 @@ from typing import Any
 
 import numpy as np
 from bodies import ACTIONS, ROWS, Row, scene_of, seeds_of
-from body_figures import ENDS, FLEXIONS, SIDES, figures
+from body_figures import ENDS, FLEXIONS, figures
 from harness import OUT, Use, answer, arguments, note, rendered, tracked, truth_of
 
 from posefuse.core.joint_centres import SEGMENT_ENDS
+from posefuse.core.skeleton import SIDES
 from posefuse.pipeline.config import changed_config
 from posefuse.pipeline.solve import config_of, solve_again
 

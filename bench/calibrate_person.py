@@ -24,13 +24,7 @@ from posefuse.calibration.clocks.person_tracks import PersonTrack, person_tracks
 from posefuse.calibration.clocks.sync import ClockEstimate, clocks_from_person
 from posefuse.calibration.extrinsics.self_checks import camera_differences
 from posefuse.calibration.person.scale import KnownLength
-from posefuse.calibration.person.solve import (
-    PersonCalibration,
-    at_clocks,
-    calibrate_from_person,
-    calibrate_tracks,
-    unplaced_clocks,
-)
+from posefuse.calibration.person.solve import at_clocks, calibrate_from_person, calibrate_tracks, unplaced_clocks
 from posefuse.calibration.person.views import PersonViews, person_views
 from posefuse.calibration.report import RefusedCalibration
 from posefuse.calibration.solving.rotations import Poses, poses_of
@@ -105,12 +99,7 @@ def outcome(rig: Rig, views: PersonViews, cameras: tuple[Camera, ...], length: K
         "position_mm": float(millimetres.max()),
         "rotation_deg": float(degrees.max()),
         "scale_percent": 100 * (1 / scale_of(poses_of(rig), poses_of(found.rig)) - 1),
-        "halves": halves_of(found),
     }
-
-
-def halves_of(found: PersonCalibration) -> str:
-    return next(check.detail for check in found.report.checks if check.name == "halves agree")
 
 
 def openpose_tracks(data: Path, rig: Rig) -> tuple[PersonTrack, ...]:

@@ -10,8 +10,9 @@ from typing import Any
 
 import numpy as np
 from harness import Use, scene_from
-from scenes import OUTLIER_PX, OUTLIERS, SWAPS, noise, walk, wander
+from scenes import OUTLIER_PX, OUTLIERS, SWAPS, noise, walk
 
+from paper.scenes.inertial import wander
 from posefuse.core import CameraTruth, Detections2D, LookKind, Pose3D, Region, Truth
 from posefuse.core.skeleton import ANATOMICAL23
 from posefuse.core.values import keypoint_boxes
@@ -235,7 +236,7 @@ def _clothing(truth: Truth, c: int, worn: np.ndarray, rng: np.random.Generator) 
     shape = (frames, people, 3, 3)
     camera = rng.standard_normal((1, 1, 1, 3)) * CAMERA_LAB
     t_s = view.t_ns / 1e9
-    slow = wander(rng, t_s, shape[1:], LIGHT_S)
+    slow = wander(t_s, LIGHT_S, shape[1:], rng)
     lab = worn[None] + camera + slow * LIGHT_LAB + rng.standard_normal(shape) * WHITE_LAB
     # what is hidden shows the clothes of the person nearest in the image
     middle = view.xy_img.mean(axis=2)

@@ -35,16 +35,15 @@ BODY, TRUE_BODY = SKELETONS["blazepose33"], SKELETONS["anatomical23"]
 NAMES, THEIRS, OURS = shared_keypoints(BODY, TRUE_BODY)
 MOST_ERROR_PX = 15.0
 LEAST_PX, MOST_PX = 0.5, 40.0
-SCORE_BINS = [(0.0, 0.1), (0.1, 0.3), (0.3, 0.5), (0.5, 0.7), (0.7, 0.9), (0.9, 0.97), (0.97, 1.01)]
+PARTS = 4
 
 
 @dataclass(frozen=True, eq=False)
 class Samples:
-    """M crops, n keypoints: errors (M, n, 2) in crop px, features (M, n, F), score (M, n)."""
+    """M crops, n keypoints: errors (M, n, 2) in crop px, features (M, n, F)."""
 
     error_px: np.ndarray
     values: np.ndarray
-    score: np.ndarray
 
     @staticmethod
     def stacked(samples: Sequence[Samples]) -> Samples:
@@ -76,8 +75,7 @@ def collect(folder: Path, network: BlazePoseNetwork, side_px: int) -> tuple[Samp
             looks.append(look)
     known = [landmark_noise_features(look) for look in looks]
     values = np.stack([np.concatenate([one[name] for one in known])[:, OURS] for name in known[0]], axis=-1)
-    score = np.concatenate([look.visibility * look.presence[:, None] for look in looks])[:, OURS]
-    return Samples(np.array(errors), values, score), list(known[0])
+    return Samples(np.array(errors), values), list(known[0])
 
 
 def fit_weights(data: Samples) -> tuple[np.ndarray, np.ndarray]:
@@ -85,22 +83,10 @@ def fit_weights(data: Samples) -> tuple[np.ndarray, np.ndarray]:
     return fit_log_sigma(data.square, data.values, [NAMES.index(mirror_name(name)) for name in NAMES])
 
 
-def sigma_of(data: Samples, offset: np.ndarray, weight: np.ndarray) -> np.ndarray:
-    return np.exp(np.clip(offset + data.values @ weight, np.log(LEAST_PX), np.log(MOST_PX)))
-
-
-def calibration(data: Samples, sigma: np.ndarray) -> dict[str, list[dict]]:
-    """Mean of (error / sigma)^2 per axis by score; 1 is right."""
-    ratio, by_score = data.square / sigma**2, []
-    for low, high in SCORE_BINS:
-        inside = (data.score >= low) & (data.score < high)
-        if inside.any():
-            rms = float(np.sqrt((data.error_px[inside] ** 2).mean()))
-            about = {"score from": low, "n": int(inside.sum()), "rms px": rms, "sigma px": float(np.median(sigma[inside]))}
-            # the median of chi2_2 / 2 is ln 2
-            typical = float(np.median(ratio[inside]) / np.log(2))
-            by_score.append({**about, "(e/sigma)^2": float(ratio[inside].mean()), "median-based": typical})
-    return {"By score": by_score}
+def ratio(data: Samples, offset: np.ndarray, weight: np.ndarray) -> np.ndarray:
+    """(M, n) (error / sigma)^2 per axis by a fit; 1 is right in the mean."""
+    sigma = np.exp(np.clip(offset + data.values @ weight, np.log(LEAST_PX), np.log(MOST_PX)))
+    return data.square / sigma**2
 
 
 def model_of(data: Samples, features: Sequence[str], scenes: int) -> NoiseModel:
@@ -108,7 +94,7 @@ def model_of(data: Samples, features: Sequence[str], scenes: int) -> NoiseModel:
     offset, weight = fit_weights(data)
     known = dict(zip(NAMES, map(float, offset), strict=True))
     made_by = (
-        f"bench/fit_blazepose_noise.py: {scenes} rendered scenes, {len(data.score)} crops, "
+        f"bench/fit_blazepose_noise.py: {scenes} rendered scenes, {len(data.error_px)} crops, "
         f"errors against mesh keypoints counted up to {MOST_ERROR_PX:g} crop px"
     )
     return NoiseModel(
@@ -141,15 +127,14 @@ def main() -> None:
     for folder in folders:
         sample, features = collect(folder, network, card.input.size_wh[0])
         samples.append(sample)
-    # each scene is judged by a fit to the scenes of the other three quarters
-    kept, sigmas = [], []
-    for part in range(4):
-        kept.append(Samples.stacked(samples[part::4]))
-        others = Samples.stacked([one for i, one in enumerate(samples) if i % 4 != part])
-        sigmas.append(sigma_of(kept[-1], *fit_weights(others)))
+    judged = []
+    for part in range(PARTS):
+        others = Samples.stacked([one for i, one in enumerate(samples) if i % PARTS != part])
+        judged.append(ratio(Samples.stacked(samples[part::PARTS]), *fit_weights(others)).ravel())
     model = model_of(Samples.stacked(samples), features, len(folders))
     card.noise_file.write_text(noise_text(model), encoding="utf-8")
-    answer(args, calibration(Samples.stacked(kept), np.concatenate(sigmas)))
+    mean = {"keypoints": sum(map(len, judged)), "(e/sigma)^2": float(np.concatenate(judged).mean())}
+    answer(args, {"Each quarter of the scenes, judged by a fit to the others; 1 is right": [mean]})
 
 
 if __name__ == "__main__":

@@ -22,13 +22,13 @@ from harness import Row, Use, answer, arguments, checked, note, rendered, scene_
 from scenes import walk
 
 from posefuse.core import JointCentres, PoseSequence, Truth
-from posefuse.core.skeleton import pick_keypoints
+from posefuse.core.skeleton import SIDES, pick_keypoints
 from posefuse.detection.card import Card, read_card
 from posefuse.evaluation.metrics import true_xyz_at
 from posefuse.formats.joint_centres import joint_centres_text, read_joint_centres
 from posefuse.tracking import to_joint_centres
 from posefuse.tracking.body_directions import HEAD, keypoint_of
-from posefuse.tracking.joint_centres import JOINTS, SIDES, joint_directions
+from posefuse.tracking.joint_centres import JOINTS, joint_directions
 from posefuse_sim.fitting import fit_joint_centres, render_moving
 from posefuse_sim.fitting.joint_centres import ARM, MOST_M
 from posefuse_sim.fitting.scenes import FLOORS, MOVES, RATE_HZ, SCENES_EACH, is_rendered

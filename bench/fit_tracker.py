@@ -1,7 +1,6 @@
 """Fit the constants of the live tracker's motion models on rendered people and motions that no bench reports.
 
     python bench/fit_tracker.py --keep DIR [--sweeps 3]
-    python bench/fit_tracker.py --keep DIR --rest      how the 2D of people who stand differs from frame to frame
 
 Scenes are rendered into DIR, and the default network looks at them, as in `bench/body_held_out.py`, at 30 frames/s. Noise that is
 drawn at random does not do: constants fitted to that left the tracker twice as far
@@ -18,10 +17,9 @@ import json
 from collections.abc import Mapping
 
 import numpy as np
-from bodies import ARRIVE, Trial, trial_session, views_of
-from harness import OUT, Use, arguments, tracked
+from bodies import ARRIVE, Trial, trial_session
+from harness import OUT, Use, arguments
 
-from posefuse.core import Recording
 from posefuse.tracking.online import LiveMotion, MotionModel
 
 SCENES = (
@@ -63,27 +61,9 @@ def judged(what: str, trials: Trials, constants: Mapping[str, float]) -> float:
     return score
 
 
-def noise_at_rest(recording: Recording) -> dict[str, float]:
-    """Medians over keypoints and cameras in px: what is new in every frame, what wanders over the scene, and what is stated."""
-    new, wandering, stated = [], [], []
-    for name in recording.rig.names:
-        views = [view for view in views_of(recording) if view.camera == name]
-        xy, sigma = np.array([view.xy_img[0] for view in views]), np.array([view.sigma_px[0] for view in views])
-        new.append(np.nanmedian(np.nanstd(np.diff(xy, axis=0), axis=0)) / np.sqrt(2))
-        wandering.append(np.nanmedian(np.nanstd(xy, axis=0)))
-        stated.append(np.nanmedian(sigma))
-    return {"new_px": float(np.median(new)), "wandering_px": float(np.median(wandering)), "stated_px": float(np.median(stated))}
-
-
 def main() -> None:
-    args = arguments(__doc__, keep=OUT / "scenes", sweeps=3, rest=False)
-    sessions = {
-        (row, seed): trial_session(args.keep, row, seed, Use.FIT) for row, seed in SCENES if not args.rest or row == "idle"
-    }
-    if args.rest:
-        for (_, seed), session in sessions.items():
-            print(json.dumps({"seed": seed, **noise_at_rest(tracked(session, body="off"))}))
-        return
+    args = arguments(__doc__, keep=OUT / "scenes", sweeps=3)
+    sessions = {scene: trial_session(args.keep, *scene, Use.FIT) for scene in SCENES}
     trials = {(*scene, arrive): Trial.of(sessions[scene], arrive, scene[1]) for scene in SCENES for arrive in ARRIVE}
     best = dict(START)
     score = judged("begin", trials, best)

@@ -30,7 +30,7 @@ for _folder in (ROOT, ROOT / "tools"):
 
 from page_marks import made_by, markdown, write_between_marks  # noqa: E402
 
-from posefuse.core import Detections2D, Kind, Observations, Pose3D, Recording, Rig, Truth, ViewSequence  # noqa: E402
+from posefuse.core import Detections2D, Kind, Observations, Pose3D, PoseSequence, Recording, Rig, Truth, ViewSequence  # noqa: E402
 from posefuse.core.skeleton import PAPER14, pick_keypoints  # noqa: E402
 from posefuse.evaluation.metrics import true_xyz_at  # noqa: E402
 from posefuse.formats.recording import read_recording, write_recording  # noqa: E402
@@ -88,6 +88,15 @@ def rendered(scene: Scene, folder: Path, use: Use = Use.REPORT, processes: int |
 
 def truth_of(session: Path) -> Truth:
     return read_truth(SessionPaths(session).truth)
+
+
+def exact_poses(truth: Truth, t_ns: np.ndarray) -> PoseSequence:
+    """The truth at times (T,) as poses that are hardly uncertain."""
+    xyz = true_xyz_at(truth, t_ns)
+    shape = xyz.shape[:3]
+    cov, about = np.broadcast_to(np.eye(3) * 1e-10, (*shape, 3, 3)), {"skeleton": truth.skeleton, "person_id": truth.person_id}
+    seen = {"reproj_px": np.zeros(shape), "n_views": np.full(shape, 4), "kind": np.ones(shape)}
+    return PoseSequence(t_ns=t_ns, **about, xyz_world=xyz, cov_world=cov, **seen)
 
 
 def retimed(log: Observations, frame: np.ndarray, step: np.ndarray, step_t_ns: np.ndarray) -> Observations:

@@ -15,9 +15,9 @@ from pathlib import Path
 
 import numpy as np
 from angle_errors import AngleError, angle_errors, joints_from_lab, poses_from_lab
-from harness import DATA, DEMO, answer, arguments, note, tracked, truth_of
+from harness import DATA, DEMO, answer, arguments, exact_poses, note, tracked, truth_of
 
-from posefuse.core import JointAngles, PoseSequence, Recording, Truth
+from posefuse.core import JointAngles, PoseSequence, Recording
 from posefuse.evaluation.biomechanics import rays_at_joint_centres
 from posefuse.evaluation.metrics import joint_errors
 from posefuse.kinematics import JointSettings, JointTracker, joints_from_poses
@@ -82,19 +82,12 @@ def microseconds(call: Callable[..., object], given: object) -> float:
     return 1e6 * (time.perf_counter() - began)
 
 
-def exact_poses(exact: Truth) -> PoseSequence:
-    shape = exact.xyz_world.shape[:3]
-    about = {name: getattr(exact, name) for name in ("t_ns", "skeleton", "person_id", "xyz_world")}
-    cov, seen = np.broadcast_to(np.eye(3) * 1e-10, (*shape, 3, 3)), {"n_views": np.full(shape, 4), "kind": np.ones(shape)}
-    return PoseSequence(**about, cov_world=cov, reproj_px=np.zeros(shape), **seen)
-
-
 def main() -> None:
     args = arguments(__doc__, session=DEMO, lab=DATA / "btk" / "FunctionalWalk.c3d")
     truth = truth_of(args.session)
     if truth.joints is None:
         raise SystemExit("this truth has no joint angles")
-    found, exact = fits(tracked(args.session)), exact_poses(truth)
+    found, exact = fits(tracked(args.session)), exact_poses(truth, truth.t_ns)
     angles = {**of_lab(args.lab), **of_truth(exact, truth.joints)}
     angles |= {name: (joints, truth.joints) for name, (joints, _) in found.items()}
     errors = {name: angle_errors(*pair) for name, pair in angles.items()}

@@ -7,7 +7,7 @@ after the other, every second time backwards, so that the person moves on withou
 all but decoding and detection. `bodies` is the same with `--body on`. `track` is `posefuse track` of the session's videos of
 its first and third camera, put end to end, with `blazepose_lite` and `--people 1`. Each command is a process of its own;
 memory is the largest that its system call reports; that of an hour is what the two longest recordings make of it along a
-straight line. With `--only`, the page's other rows stay if they are of the same lengths.
+straight line.
 """
 
 import shutil
@@ -20,7 +20,6 @@ from pathlib import Path
 import av
 import numpy as np
 from harness import DEMO, POSEFUSE, answer, arguments, note, retimed, tracked
-from page_marks import table_between_marks
 
 from posefuse.core import Observations, Recording
 from posefuse.formats.recording import ABOUT_FILE, read_recording, write_recording
@@ -129,10 +128,7 @@ def main() -> None:
     for name, memory_mib in used_mib.items():
         slope_mib = (memory_mib[-1] - memory_mib[-2]) / (args.minutes[-1] - args.minutes[-2])
         rows[name]["an hour"] = f"{memory_mib[-1] + slope_mib * (60 - args.minutes[-1]):.0f} MiB"
-    if args.write:
-        written = [row for row in table_between_marks(args.write, "length") if list(row) == list(rows[args.only[0]])]
-        rows = {row["command"]: row for row in written} | rows
-    answer(args, {"Processor time and memory": [rows[name] for name in COMMANDS if name in rows]})
+    answer(args, {"Processor time and memory": list(rows.values())})
 
 
 if __name__ == "__main__":

@@ -20,13 +20,13 @@ from bodies import table_of
 from harness import DEMO, answer, arguments, arrivals, medians, played, tracked
 
 from posefuse.core import JointCentres, Pose3D, Recording
-from posefuse.core.skeleton import pick_keypoints
+from posefuse.core.skeleton import SIDES, pick_keypoints
 from posefuse.pipeline.config import TrackConfig
 from posefuse.pipeline.second_pass import poses_over_time
 from posefuse.realtime.config import LiveConfig
 from posefuse.realtime.estimator import warmed_up
 from posefuse.tracking import LearntLengths, at_joint_centres
-from posefuse.tracking.body_directions import HEAD, SIDES, segment_lengths
+from posefuse.tracking.body_directions import HEAD, segment_lengths
 from posefuse.tracking.joint_centres import JOINTS, USUAL_S
 
 NAMES = tuple(f"{side}_{joint}" for side in SIDES for joint in JOINTS if joint not in HEAD)

@@ -1,13 +1,12 @@
 """What goes wrong in a live session, on purpose: how soon it is named, whether the skeleton continues, how soon it is over.
 
-    python bench/live_faults.py [--only NAME ...] [--detector blazepose] [--session examples/demo]
+    python bench/live_faults.py [--only NAME ...] [--session examples/demo]
 
 A simulated session is played at the pace of the clock, again and again. On one machine a camera (or the process of two) fails
 for some seconds; on two, which are network namespaces and need root, the link between cameras and fusion does.
 Errors are of the 14 joints against the truth at output time. A table on stderr, one JSON object on stdout.
 """
 
-import argparse
 import os
 import signal
 import sys
@@ -87,11 +86,10 @@ class Ran:
     end_s: float
 
 
-def on_one_machine(case: Case, recording: Path, args: argparse.Namespace) -> Ran:
-    session = args.session
+def on_one_machine(case: Case, recording: Path, session: Path) -> Ran:
     faults = [f"{camera}={case.fault}@{case.start_s}-{case.end_s}" for camera in case.cameras if case.fault != "kill"]
     options = [*(part for fault in faults for part in ("--fault", fault)), "--", "live", str(session / "rig.toml")]
-    options += ["--source", f"sim:{session}", "--record", str(recording), "--groups", "2", *common(args)]
+    options += ["--source", f"sim:{session}", "--record", str(recording), "--groups", "2", "--loop", str(loop_s(session))]
     live = Program([*_FAULTY, *options, "--json"])
     try:
         pid = int(live.wait_for(r"cam03 in process (\d+)")[1])
@@ -112,9 +110,9 @@ def on_one_machine(case: Case, recording: Path, args: argparse.Namespace) -> Ran
     return Ran(figures, zero_ns, start_s, start_s if case.fault == "kill" else case.end_s)
 
 
-def on_two_machines(case: Case, recording: Path, args: argparse.Namespace) -> Ran:
+def on_two_machines(case: Case, recording: Path, session: Path) -> Ran:
     """Machine 0 fuses and has two cameras, machine 1 has the other two."""
-    session, zero_s = args.session, time.time()
+    zero_s = time.time()
     with TwoMachines(seed=1) as two:
         programs: list[Program] = []
 
@@ -127,7 +125,9 @@ def on_two_machines(case: Case, recording: Path, args: argparse.Namespace) -> Ra
         def start_cameras(machine: int, cameras: Sequence[str], ahead_s: float) -> Program:
             sources = [part for camera in cameras for part in ("--source", f"{camera}=sim:{session}")]
             # stamps that are later by so much, as of a clock that is ahead
-            return start(machine, "camera", "--name", f"m{machine}", *sources, *common(args), zero_s=zero_s + ahead_s)
+            return start(
+                machine, "camera", "--name", f"m{machine}", *sources, "--loop", str(loop_s(session)), zero_s=zero_s + ahead_s
+            )
 
         try:
             fusion = start(0, "fusion", "--record", str(recording))
@@ -154,13 +154,6 @@ def trouble(two: TwoMachines, case: Case, begun_s: float) -> None:
 
 def wait_until(unix_s: float) -> None:
     time.sleep(max(0.0, unix_s - time.time()))
-
-
-def common(args: argparse.Namespace) -> list[str]:
-    options = ["--loop", str(loop_s(args.session)), "--set", f"detector.name={args.detector}"]
-    if args.detector == "oracle":
-        options += ["--set", f"detector.options.truth={args.session / 'truth' / 'truth.npz'}"]
-    return options
 
 
 def figures_of(case: Case, ran: Ran, recording: Path, session: Path) -> dict:
@@ -222,7 +215,7 @@ def errors_over_time(recording: Path, session: Path, zero_ns: int) -> tuple[np.n
 
 
 def main() -> None:
-    args = arguments(__doc__, only=(str,), detector="blazepose", session=DEMO)
+    args = arguments(__doc__, only=(str,), session=DEMO)
     reason = why_not()
     if reason:
         note(f"two machines left out: {reason}")
@@ -232,8 +225,8 @@ def main() -> None:
         for i, (case, way) in enumerate(cases):
             if not args.only or any(word in case.name for word in args.only):
                 recording = Path(scratch) / f"{i}.mcap"
-                rows.append(figures_of(case, way(case, recording, args), recording, args.session))
-    answer(args, {"Faults": rows}, detector=args.detector)
+                rows.append(figures_of(case, way(case, recording, args.session), recording, args.session))
+    answer(args, {"Faults": rows})
 
 
 if __name__ == "__main__":

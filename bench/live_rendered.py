@@ -2,7 +2,6 @@
 
     python bench/live_rendered.py --keep DIR [--bodies 2] [--seeds 1,2] [--rows idle] [--session DIR] [--arrive late]
     python bench/live_rendered.py --keep DIR --develop --seeds 7300,7301 --body off on --from-s 1.5
-    python bench/live_rendered.py --time [--runs 5]
 
 Four cameras of 640 x 480 at 30 frames/s look at bodies that no constant was fitted to: their seeds are drawn by chance at the
 first run and kept in DIR, with the scenes; `--develop` takes bodies of the development, too. Views arrive 20 to 60 ms after their
@@ -12,13 +11,9 @@ the truth at their own time. `--session` adds a rendered session, such as exampl
 By row: mean error of 12 joints; NEES, 3 where the stated covariance is honest; the share of joints that came out; the standard
 deviation over time of the lengths of arms and legs; the largest distance between two places of a foot that in truth stands, over
 all of the stance and without its first 0.2 s, in which no causal tracker knows of it. Before 1.5 s a skeleton is still learnt.
-``--time`` measures what the fit of `--body` adds to an output tick, per person, for 4 and 8 cameras: median over ticks, over
-those in which lengths are learnt or refined, and the dearest of all; median of runs, in processor time.
 Tables on stderr, one JSON object on stdout.
 """
 
-import os
-import time
 from dataclasses import replace
 from itertools import product
 from pathlib import Path
@@ -26,15 +21,12 @@ from pathlib import Path
 import numpy as np
 from bodies import ARRIVE, MOVES, Trial, seeds_of, trial_session
 from body_figures import skate_mm
-from harness import OUT, Use, answer, arguments, covariances, errors, medians, scene_from, score
-from scenes import WARM_UP_S, circle, view_of
+from harness import OUT, Use, answer, arguments, covariances, errors, medians, score
+from scenes import WARM_UP_S
 
 from posefuse.core import Pose3D, PoseSequence, Truth
 from posefuse.core.joint_centres import SEGMENT_ENDS
-from posefuse.core.skeleton import ANATOMICAL23
 from posefuse.realtime.config import LiveConfig
-from posefuse.realtime.estimator import warmed_up
-from posefuse_sim.build import live_scene
 
 BONES = [
     [end.format(side=side) for end in SEGMENT_ENDS[bone]]
@@ -62,41 +54,11 @@ def measured(session: Path, seed: int, arrive: str, body: str, from_s: float) ->
     return figures([pose for pose in trial.poses(replace(LiveConfig(), body=body)) if pose.t_ns >= begin_ns], trial.truth)
 
 
-def spent_ms(cameras: int, seconds: float = 6.0) -> dict[str, float]:
-    """What the fit of one person who walks takes in an output tick: the usual, where lengths are learnt, and at most."""
-    content = {"duration_s": seconds, "cameras": {"kind": "ring", "count": cameras}, "people": [{"motion": circle(1.4)}]}
-    scene = live_scene(scene_from(content))
-    config = replace(LiveConfig(), body="on")
-    estimator = warmed_up(scene.rig, ANATOMICAL23, config)
-    tracker, bodies = estimator.tracker, estimator.bodies
-    rng, spent, learns = np.random.default_rng(0), [], []
-    for tick in range(round(100 * seconds)):
-        t_s = 0.01 * tick
-        # a third of the cameras has a new frame at each output tick
-        for c in range(tick % 3, cameras, 3):
-            xy = scene.rig.cameras[c].project(scene.keypoints(np.array([t_s]))[0, 0])
-            xy = xy + rng.normal(0, 2.0, (1, *xy.shape))[0]
-            tracker.add(view_of(scene.rig.names[c], round(1e9 * t_s), ANATOMICAL23, xy, 1.8))
-        pose = tracker.at(round(1e9 * (t_s + 0.04)))
-        lengths, begun_s = bodies.lengths, time.process_time()
-        bodies.step(tracker, pose)
-        spent.append(1000 * (time.process_time() - begun_s))
-        learns.append(any(new is not lengths.get(person) for person, new in bodies.lengths.items()))
-    # one tick in three fits rays: the mean of three is what a tick takes
-    usual = np.array(spent[len(spent) // 2 :])
-    groups = usual[: len(usual) // 3 * 3].reshape(-1, 3).mean(axis=1)
-    return {"tick": float(np.median(groups)), "learning": float(np.median(np.array(spent)[learns])), "dearest": max(spent)}
-
-
 def main() -> None:
     args = arguments(
         __doc__, keep=OUT / "scenes", bodies=2, seeds="", rows=dict.fromkeys(MOVES), session=Path, arrive=ARRIVE, body=("auto",),
-        from_s=WARM_UP_S, develop=False, time=False, runs=5,
+        from_s=WARM_UP_S, develop=False,
     )  # fmt: skip
-    if args.time:
-        rows = [{"cameras": n, **medians([spent_ms(n) for _ in range(args.runs)])} for n in (4, 8)]
-        answer(args, {"ms per person": rows}, load=os.getloadavg()[0])
-        return
     use, seeds = Use.DEVELOP if args.develop else Use.REPORT, seeds_of(args.keep, args.bodies, args.seeds)
     sessions = {row: [(trial_session(args.keep, row, seed, use), seed) for seed in seeds] for row in args.rows}
     sessions |= {args.session.name: [(args.session, 0)]} if args.session else {}

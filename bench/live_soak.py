@@ -3,18 +3,18 @@
     nice -n 5 python bench/live_soak.py [--minutes 60] [--cameras 4] [--groups 2] [--networks NAME]
         [--session examples/demo]
 
-A simulated session is played at the pace of the clock, again and again, and recorded; then Ctrl-C. Every few seconds the memory,
-threads, open files and children of every process are read. Growth is the slope of a straight line through what was read
-after the warm-up. Latency over time is read from the recording: from the exposure of an image until its keypoints were in the
-tracker, and by how much outputs were late. Tables on stderr, one JSON object on stdout.
+A simulated session is played at the pace of the clock, again and again, and recorded; then Ctrl-C. Every few seconds the
+memory of every process is read. Growth is the slope of a straight line through what was read after the warm-up. Latency over
+time is read from the recording: from the exposure of an image until its keypoints were in the tracker, and by how much
+outputs were late. Tables on stderr, one JSON object on stdout.
 """
 
 import argparse
 import contextlib
 import itertools
+import re
 import tempfile
 import time
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -24,28 +24,12 @@ from live_program import Program, children_of, loop_s, running
 from posefuse.formats.rig import read_rig
 from posefuse_ros.bags import read_detections, read_poses
 
-_WARM_UP_SHARE, _LEAST_SAMPLES = 0.3, 5
+_EVERY_S, _WARM_UP_SHARE, _LEAST_SAMPLES = 5.0, 0.3, 5
 _STRETCHES, _PERCENTILES = 6, (50, 95, 99)
 
 
-@dataclass(frozen=True)
-class Sample:
-    """One process at one moment; `t_s` after the session began."""
-
-    t_s: float
-    pid: int
-    rss_mb: float
-    own_mb: float
-    threads: int
-    files: int
-    children: int
-
-
-def sample_of(pid: int, t_s: float) -> Sample:
-    status = dict(line.split(":", 1) for line in Path(f"/proc/{pid}/status").read_text().splitlines())
-    rss, own = (int(status[key].split()[0]) / 1024 for key in ("VmRSS", "RssAnon"))
-    files = len(list(Path(f"/proc/{pid}/fd").iterdir()))
-    return Sample(t_s, pid, rss, own, int(status["Threads"]), files, len(children_of(pid)))
+# seconds after the session began, the process, and MiB of its memory
+Sample = tuple[float, int, float]
 
 
 def soak(args: argparse.Namespace, recording: Path) -> tuple[list[Sample], dict[int, str], dict, dict]:
@@ -58,11 +42,11 @@ def soak(args: argparse.Namespace, recording: Path) -> tuple[list[Sample], dict[
     samples: list[Sample] = []
     try:
         program.wait_for(": ok")
-        watch(program, samples, args)
+        watch(program, samples, args.minutes)
         if program.process.poll() is not None:
             last = "".join(program.notes[-80:])
-            raise SystemExit(f"the session ended by itself after {samples[-1].t_s:.0f} s: {last}")
-        pids, stopping_s = {one.pid for one in samples}, time.monotonic()
+            raise SystemExit(f"the session ended by itself after {samples[-1][0]:.0f} s: {last}")
+        pids, stopping_s = {pid for _, pid, _ in samples}, time.monotonic()
         figures = program.stopped()
         ended = {"stop_s": time.monotonic() - stopping_s, "left_over": sum(map(running, pids))}
         return samples, program.roles(), figures, ended
@@ -70,30 +54,26 @@ def soak(args: argparse.Namespace, recording: Path) -> tuple[list[Sample], dict[
         program.kill()
 
 
-def watch(program: Program, samples: list[Sample], args: argparse.Namespace) -> None:
+def watch(program: Program, samples: list[Sample], minutes: float) -> None:
     begun_s, pid = time.monotonic(), program.process.pid
-    while program.process.poll() is None and (t_s := time.monotonic() - begun_s) < 60 * args.minutes:
+    while program.process.poll() is None and (t_s := time.monotonic() - begun_s) < 60 * minutes:
         for each in (pid, *children_of(pid)):
-            with contextlib.suppress(OSError, KeyError):  # it has ended, or is about to
-                samples.append(sample_of(each, t_s))
-        time.sleep(min(args.every, max(0.0, begun_s + 60 * args.minutes - time.monotonic())))
+            with contextlib.suppress(OSError, TypeError):  # it has ended, or is about to
+                status = Path(f"/proc/{each}/status").read_text()
+                samples.append((t_s, each, int(re.search(r"VmRSS:\s+(\d+)", status)[1]) / 1024))
+        time.sleep(min(_EVERY_S, max(0.0, begun_s + 60 * minutes - time.monotonic())))
 
 
 def growth(samples: list[Sample], roles: dict[int, str]) -> list[dict]:
-    """Per process: memory after the warm-up and at the end, and how fast it grew."""
-    begin_s, rows = _WARM_UP_SHARE * samples[-1].t_s, []
-    for pid in dict.fromkeys(one.pid for one in samples):
-        mine = [one for one in samples if one.pid == pid and one.t_s >= begin_s]
-        if len(mine) >= _LEAST_SAMPLES:
-            rows.append({"process": roles.get(pid, "other"), **trend(mine)})
-    return [*rows, {"process": "all", **{key: sum(row[key] for row in rows) for key in rows[0] if key != "process"}}]
-
-
-def trend(samples: list[Sample]) -> dict:
-    hours, first, last = np.array([one.t_s for one in samples]) / 3600, samples[0], samples[-1]
-    slopes = {key: float(np.polyfit(hours, [getattr(one, key) for one in samples], 1)[0]) for key in ("rss_mb", "own_mb")}
-    more = {f"{key}_more": getattr(last, key) - getattr(first, key) for key in ("threads", "files", "children")}
-    return {"rss_mb": last.rss_mb, "growth_mb_per_h": slopes["rss_mb"], "own_growth_mb_per_h": slopes["own_mb"], **more}
+    """Per process: memory at the end, and how fast it grew after the warm-up."""
+    t_s, pids, memory_mb = np.array(samples).T
+    late, rows = t_s >= _WARM_UP_SHARE * t_s[-1], []
+    for pid in dict.fromkeys(pids.astype(int).tolist()):
+        mine = late & (pids == pid)
+        if mine.sum() >= _LEAST_SAMPLES:
+            slope = float(np.polyfit(t_s[mine] / 3600, memory_mb[mine], 1)[0])
+            rows.append({"process": roles.get(pid, "other"), "rss_mb": float(memory_mb[mine][-1]), "growth_mb_per_h": slope})
+    return [*rows, {"process": "all", **{key: sum(row[key] for row in rows) for key in ("rss_mb", "growth_mb_per_h")}}]
 
 
 def over_time(recording: Path) -> list[dict]:
@@ -114,7 +94,7 @@ def over_time(recording: Path) -> list[dict]:
 
 
 def main() -> None:
-    args = arguments(__doc__, minutes=60.0, every=5.0, cameras=4, groups=0, networks="blazepose_full", session=DEMO)
+    args = arguments(__doc__, minutes=60.0, cameras=4, groups=0, networks="blazepose_full", session=DEMO)
     with tempfile.TemporaryDirectory() as scratch:
         recording = Path(scratch) / "soak.mcap"
         samples, roles, figures, ended = soak(args, recording)

@@ -1,25 +1,37 @@
 """Mutation testing: which small changes of the code does no test detect?
 
-Run: python bench/mutation.py [--count 30] [--seed 1] [--only association] [--page docs/mutation.md]
+Run: python bench/mutation.py [--count 30] [--seed 1] [--only association] [--write docs/mutation.md]
 
-A mutant is one changed operator, number or condition (cosmic-ray makes them). `--count` mutants of every package are drawn at
-random and tested in a copy of the repository by the quick tests of that package; the first failing test kills a mutant. What
-survives is either a missing test or a change without effect: read them.
+A mutant is one changed operator, number or condition. cosmic-ray makes them, tests each in a copy of the repository and keeps the
+results; `--count` mutants of every package are drawn at random and tested by the quick tests of that package; the first failing
+test kills a mutant. What survives is either a missing test or a change without effect: read them.
 
-Answers are kept in `--work` until the code changes, those of survivors until the tests change: a run that was stopped continues.
-JSON goes to stdout.
+Each package has a session in `--work` until its code or its tests change: a run that was stopped continues, and
+`cr-report SESSION --show-diff` lists it. Tables on stderr, one JSON object on stdout.
 """
 
 from __future__ import annotations
 
+import contextlib
 import hashlib
-import json
-from collections import Counter
+import os
+import random
+import re
+import shlex
+import shutil
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-from harness import arguments, note
-from mutants import REPOSITORY, Copy, Mutant, draw
+from cosmic_ray.ast import get_ast_from_path
+from cosmic_ray.commands import init
+from cosmic_ray.mutating import mutate_and_test
+from cosmic_ray.work_db import WorkDB, use_db
+from cosmic_ray.work_item import MutationSpec, WorkItem
+from harness import ROOT, Row, answer, arguments, note
 
 # what decides whether and how fast a robot moves
 _GUARDS = ("gate", "limits", "follower", "separation", "mapping", "kinematics", "joints")
@@ -57,107 +69,124 @@ PACKAGES = {
     ),
     "tracking": (("src/posefuse/tracking/**/*.py",), ("tests/tracking", "tests/laws/test_smooth_laws.py")),
 }
+_PYTEST = (sys.executable, "-m", "pytest", "-x", "-q", "-p", "no:cacheprovider", "-m", "not slow and not realtime and not fuzz")
+_NOT_COPIED = shutil.ignore_patterns(".git", ".venv", "out", "dist", "build", "shared", "__pycache__", ".*_cache")
+# `int | None` is an annotation nearly everywhere; decorators carry caching and `property`
+_LEFT_OUT = re.compile(".*BinaryOperator_BitOr|.*RemoveDecorator")
+_ANNOTATIONS = ("annassign", "tfpdef", "decorator", "import_from", "import_name")
 # a mutant that takes this many times as long as the tests alone hangs; so much more for compiling kernels again
 _LONGER, _COMPILING_S = 4.0, 120.0
 
 
-def digest_of(tests: tuple[str, ...]) -> str:
-    """Changes with the tests."""
-    files = sorted(path for test in tests for path in (sorted((REPOSITORY / test).rglob("*.py")) or [REPOSITORY / test]))
-    return hashlib.sha256(b"".join(path.read_bytes() for path in files)).hexdigest()[:16]
+@contextlib.contextmanager
+def copied(folder: Path) -> Iterator[None]:
+    """Work in a copy of the repository, whose packages are imported by tests."""
+    shutil.rmtree(folder, ignore_errors=True)
+    shutil.copytree(ROOT, folder, ignore=_NOT_COPIED)
+    os.environ["PYTHONPATH"] = os.pathsep.join(map(str, [folder / "src", *folder.glob("packages/*/src")]))
+    with contextlib.chdir(folder):
+        imported = subprocess.check_output([sys.executable, "-c", "import posefuse; print(posefuse.__file__)"], text=True)
+        if not Path(imported.strip()).is_relative_to(folder):
+            raise SystemExit(f"expected tests of {folder}, they would be of {imported.strip()}")
+        yield
 
 
-class Answers:
-    """What is known about mutants, kept in a file after each one."""
-
-    def __init__(self, path: Path) -> None:
-        self._path = path
-        self._known: dict[str, dict[str, Any]] = json.loads(path.read_text(encoding="utf-8")) if path.is_file() else {}
-
-    def of(self, mutant: Mutant, tests: str) -> str | None:
-        """The answer; one of older tests counts if they killed the mutant."""
-        found = self._known.get(mutant.key(""))
-        return str(found["answer"]) if found and (found["tests"] == tests or found["answer"] != "survived") else None
-
-    def keep(self, mutant: Mutant, tests: str, answer: str) -> None:
-        """Keep an answer."""
-        self._known[mutant.key("")] = {"answer": answer, "tests": tests, **vars(mutant)}
-        part = self._path.with_suffix(".part")
-        part.write_text(json.dumps(self._known, indent=1), encoding="utf-8")
-        part.replace(self._path)
+def files_of(package: str) -> tuple[list[Path], list[Path]]:
+    """Files that are changed, and files of tests."""
+    patterns, tests = PACKAGES[package]
+    found = [sorted(Path(test).rglob("test_*.py")) or [Path(test)] for test in tests]
+    return sorted(path for pattern in patterns for path in Path().glob(pattern)), [path for one in found for path in one]
 
 
-def test_mutants(package: str, mutants: list[Mutant], answers: Answers, work: Path) -> None:
-    """Test every mutant that has no answer so far."""
-    tests = PACKAGES[package][1]
-    digest = digest_of(tests)
-    left = [mutant for mutant in mutants if answers.of(mutant, digest) is None]
-    if not left:
+def session_of(package: str, work: Path, count: int, seed: int) -> Path:
+    """Where the results for this code and these tests are kept."""
+    text = b"".join(path.read_bytes() for paths in files_of(package) for path in paths)
+    return work / f"{package.replace(' ', '_')}-{count}-{seed}-{hashlib.sha256(text).hexdigest()[:12]}.sqlite"
+
+
+def mutation_of(item: WorkItem) -> MutationSpec:
+    return item.mutations[0]
+
+
+def in_order(item: WorkItem) -> tuple[str, int, str, int]:
+    one = mutation_of(item)
+    return str(one.module_path), one.start_pos[0], one.operator_name, one.occurrence
+
+
+def draw(session: WorkDB, paths: list[Path], count: int, seed: int) -> None:
+    """Fill a session with a random sample of the mutants of some files, the same for the same code and seed."""
+    init(paths, session, {})
+    trees = {path: get_ast_from_path(path) for path in paths}
+
+    def counts(one: MutationSpec) -> bool:
+        node = trees[one.module_path].get_leaf_for_position(one.start_pos)
+        while node is not None and node.type not in _ANNOTATIONS:
+            node = node.parent
+        return node is None and not _LEFT_OUT.match(one.operator_name)
+
+    every = sorted((item for item in session.work_items if counts(mutation_of(item))), key=in_order)
+    session.clear()
+    session.add_work_items(sorted(random.Random(seed).sample(every, min(count, len(every))), key=in_order))
+
+
+def test_mutants(session: WorkDB, tests: list[Path]) -> None:
+    """Test every mutant that has no result so far; ends the program where the tests fail without any."""
+    pending = session.pending_work_items
+    if not pending:
         return
-    copy = Copy(work / "copy")
-    limit_s = _LONGER * copy.baseline_s(tests) + _COMPILING_S
-    for mutant in left:
-        answer = copy.answer(mutant, tests, limit_s)
-        answers.keep(mutant, digest, answer)
-        note(f"  {answer:9}{mutant.path}:{mutant.line} {mutant.diff()}")
+    began = time.monotonic()
+    if subprocess.run([*_PYTEST, *map(str, tests)], capture_output=True).returncode:
+        raise SystemExit(f"{' '.join(map(str, tests))}: they fail without any mutant")
+    limit_s = _LONGER * (time.monotonic() - began) + _COMPILING_S
+    for item in pending:
+        module = mutation_of(item).module_path.stem
+        # tests that name the changed module come first: most mutants are killed sooner so
+        nearest = sorted(tests, key=lambda path: module not in path.read_text("utf-8"))
+        result = mutate_and_test(item.mutations, shlex.join([*_PYTEST, *map(str, nearest)]), limit_s)
+        session.set_result(item.job_id, result)
+        note(f"  {result.output if result.output == 'timeout' else result.test_outcome.value:9}{place_of(item)} {change(result)}")
 
 
-def results_of(mutants: list[Mutant], answers: Answers, digest: str) -> dict[str, Any]:
-    """Counts and survivors of a package."""
-    known = {mutant: answers.of(mutant, digest) for mutant in mutants}
-    count = Counter(known.values())
-    tested = len(mutants) - count[None]
-    return {
-        "drawn": len(mutants),
-        "tested": tested,
-        "killed": count["killed"] + count["timeout"],
-        "score": (count["killed"] + count["timeout"]) / tested if tested else 0.0,
-        "survivors": [{"place": one.place, "change": one.diff()} for one in mutants if known[one] == "survived"],
-    }
+def place_of(item: WorkItem) -> str:
+    """File and line, for people."""
+    return f"{re.sub('.*src/(posefuse/)?', '', str(mutation_of(item).module_path))}:{mutation_of(item).start_pos[0]}"
 
 
-def page(results: dict[str, dict[str, Any]], seed: int) -> str:
-    """The page of the docs."""
-    lines = [
-        "# Mutation testing",
-        "",
-        "How many small changes of the code do the quick tests of a package detect? A mutant is one changed operator, number or "
-        "condition; a random sample of each package's mutants is tested, one at a time, and the first failing test kills a "
-        f"mutant. Made by `make mutation` (`bench/mutation.py`, seed {seed}).",
-        "",
-        "| package | mutants drawn | tested | killed | score |",
-        "|---|---|---|---|---|",
-        *(f"| {name} | {one['drawn']} | {one['tested']} | {one['killed']} | {_score(one)} |" for name, one in results.items()),
-        "",
-        "A survivor is a missing test, or a change without effect (for example a tolerance that is a little larger).",
-        "",
+def change(result: Any) -> str:
+    """The changed line, before and after, fit for a cell of a Markdown table."""
+    before, after = (re.search(rf"^[{sign}](?![{sign}])(.*)", result.diff, re.MULTILINE) for sign in "-+")
+    return " -> ".join(one[1].strip() for one in (before, after) if one).replace("|", "\\|")
+
+
+def results_of(package: str, session: WorkDB) -> tuple[Row, list[Row]]:
+    """Counts, and the survivors."""
+    done = sorted(session.completed_work_items, key=lambda pair: in_order(pair[0]))
+    alive = [
+        {"package": package, "place": f"`{place_of(item)}`", "change": f"`{change(result)}`"}
+        for item, result in done
+        if not result.is_killed
     ]
-    for name, one in results.items():
-        if one["survivors"]:
-            rows = [f"| `{each['place']}` | `{each['change']}` |" for each in one["survivors"]]
-            lines += [f"## Survivors in {name}", "", "| place | change |", "|---|---|", *rows, ""]
-    return "\n".join(lines)
-
-
-def _score(result: dict[str, Any]) -> str:
-    return f"{result['score']:.0%}" if result["tested"] else ""
+    killed = len(done) - len(alive)
+    counts = {"package": package, "mutants drawn": session.num_work_items, "tested": len(done), "killed": killed}
+    return {**counts, "score": f"{killed / len(done):.0%}" if done else ""}, alive
 
 
 def main() -> None:
-    args = arguments(__doc__, count=30, seed=1, only=PACKAGES, work=Path("out/mutation"), page=Path)
-    args.work.mkdir(parents=True, exist_ok=True)
-    answers = Answers(args.work / "answers.json")
-    results: dict[str, dict[str, Any]] = {}
-    for package in PACKAGES:
-        mutants = draw(PACKAGES[package][0], args.count, args.seed)
-        if package in args.only:
-            test_mutants(package, mutants, answers, args.work)
-        results[package] = results_of(mutants, answers, digest_of(PACKAGES[package][1]))
-        one = results[package]
-        note(f"{package}: {one['killed']} of {one['tested']} killed, {one['drawn']} drawn")
-    print(json.dumps(results, indent=2))
-    if args.page:
-        args.page.write_text(page(results, args.seed), encoding="utf-8")
+    args = arguments(__doc__, count=30, seed=1, only=PACKAGES, work=Path("out/mutation"))
+    work, rows, survivors = args.work.resolve(), [], []
+    work.mkdir(parents=True, exist_ok=True)
+    with copied(work / "copy"):
+        for package in PACKAGES:
+            paths, tests = files_of(package)
+            with use_db(session_of(package, work, args.count, args.seed), WorkDB.Mode.create) as session:
+                if not session.num_work_items:
+                    draw(session, paths, args.count, args.seed)
+                if package in args.only:
+                    test_mutants(session, tests)
+                row, alive = results_of(package, session)
+            rows.append(row)
+            survivors += alive
+    answer(args, {"Mutants": rows} | ({"Survivors": survivors} if survivors else {}))
 
 
 if __name__ == "__main__":

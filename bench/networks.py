@@ -14,11 +14,12 @@ from pathlib import Path
 
 import numpy as np
 from bodies import scene_of, seeds_of
-from body_figures import ENDS, JOINTS, SIDES
+from body_figures import ENDS
 from detect import CORES, SIZES_WH, measure
-from harness import DATA, OUT, Row, Use, answer, arguments, note, rendered, tracked, truth_of
+from harness import DATA, JOINTS, OUT, Row, Use, answer, arguments, note, rendered, tracked, truth_of
 from real_footage import LIMBS, limbs_of, row
 
+from posefuse.core.skeleton import SIDES
 from posefuse.detection.build import network_settings
 from posefuse.evaluation.metrics import joint_errors, typical_nees
 

@@ -26,7 +26,7 @@ from pathlib import Path
 import numpy as np
 from crowd_scenes import CASES, DEVELOPMENT_SEED, RATE_HZ, REPORTED_SEEDS, Crowd, Network, crowd
 from crowds import crowd_row, person_distances
-from harness import Row, answer, arguments, live_recording, note, rendered, scene_from, tracked, truth_of
+from harness import Row, answer, arguments, live_recording, medians, note, rendered, scene_from, tracked, truth_of
 from scenes import OUTPUT_HZ, new_tracker, walk
 
 from posefuse.association import AssociateSettings, with_persons
@@ -111,7 +111,7 @@ def figures_of(made: Crowd, poses: list[Pose3D], spent: list[float]) -> dict[str
 
 def mean_of(rows: list[dict], scene: str, how: str) -> dict:
     """Of some cases; returns are summed up."""
-    row = {name: float(np.mean([one[name] for one in rows])) for name in SHOWN}
+    row = medians([{name: one[name] for name in SHOWN} for one in rows], np.mean)
     row |= {name: sum(one[name] for one in rows) for name in ("returns_right", "returns")}
     row["per_person_minute"] = sum(one["switches"] for one in rows) / sum(one["person_s"] for one in rows) * 60
     return {"scene": scene, "how": how, **row, "p99_ms": max(one["p99_ms"] for one in rows)}

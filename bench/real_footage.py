@@ -15,10 +15,10 @@ from harness import DATA, answer, arguments, note, tracked
 from posefuse.core import PoseSequence, Recording
 from posefuse.core.skeleton import pick_keypoints
 from posefuse.evaluation.biomechanics import BiomechanicsSettings, joints_of
+from posefuse.evaluation.tracks import plain_name
 from posefuse.formats.trc import read_trc
 
 LIMBS = tuple(f"{s}_{j}" for j in ("shoulder", "elbow", "wrist", "hip", "knee", "ankle") for s in ("left", "right"))
-SIDES = {"R": "right_", "L": "left_"}
 REFERENCE = Path("reference") / "S00_P00_T01_BalancingTrial_0-100.trc"
 JUMP_M = 0.15
 # he is 600 px tall, and the bystander is further away than this
@@ -36,18 +36,10 @@ SETTINGS: dict[str, dict] = {
 }
 
 
-def keypoint(marker: str) -> str:
-    """``RBigToe`` is right_big_toe."""
-    if marker in ("Neck", "Head", "Nose"):
-        return marker.lower()
-    words = "".join(f"_{letter.lower()}" if letter.isupper() else letter for letter in marker[1:])
-    return SIDES[marker[0]] + words.removeprefix("_")
-
-
 def limbs_of(data: Path) -> np.ndarray:
     """(T, 12, 3) m: the limb joints of the reference."""
     reference = read_trc(data / REFERENCE)
-    return reference.xyz_world[:, [tuple(map(keypoint, reference.names)).index(name) for name in LIMBS]]
+    return reference.xyz_world[:, [tuple(map(plain_name, reference.names)).index(name) for name in LIMBS]]
 
 
 def man_found(recording: Recording, xyz: np.ndarray) -> dict[str, int]:
@@ -89,7 +81,7 @@ def main() -> None:
         print(json.dumps({"skipped": f"no {REFERENCE}"}))
         return
     reference = read_trc(args.data / REFERENCE)
-    every = tuple(keypoint(name) for name in reference.names)
+    every = tuple(map(plain_name, reference.names))
     limbs = limbs_of(args.data)
     rows, others = [], []
     for name, changes in SETTINGS.items():

@@ -28,6 +28,7 @@ from harness import (
     Use,
     answer,
     arguments,
+    errors,
     note,
     rendered,
     retimed,
@@ -40,10 +41,9 @@ from scenes import walk as random_walk
 from scipy.interpolate import CubicSpline
 
 from paper.scenes.scenes import half_hidden_scene, ring, scene_name, static_scene, walking_scene
-from posefuse.calibration.keypoints import limb_keypoints
-from posefuse.core import SE3, Camera, InputError, Observations, Recording, Rig, Skeleton, Views
-from posefuse.core.skeleton import PAPER14, pick_keypoints
-from posefuse.evaluation.metrics import true_xyz_at
+from posefuse.calibration.keypoints import MIN_SCORE, limb_keypoints
+from posefuse.core import SE3, Camera, InputError, Observations, Recording, Rig, Truth, ViewSequence
+from posefuse.core.skeleton import PAPER14
 from posefuse.fusion import FuseSettings, fuse
 from posefuse.health import rig_monitor as monitor
 from posefuse.health.recorded import UNFIT, checked_rig
@@ -54,7 +54,6 @@ from posefuse_sim.scene import Scene
 
 RATE_HZ = 10.0
 FAULT_AT_S, WATCHED_S, SAID_S, QUIET_S = 6.0, 16.0, 4.0, 60.0
-LEAST_SCORE = 0.5
 
 
 @dataclass(frozen=True)
@@ -78,28 +77,29 @@ FAULTS = (
 
 @dataclass(frozen=True, eq=False)
 class Clip:
-    """Keypoints that the network saw, and where they were.
+    """Keypoints that the network saw of a person, and where they were.
 
     Attributes:
-        name: of the scene. rig: calibrated. t_s: (T,). xy_img: (T, C, K, 2), NaN where unseen.
-        score, sigma_px: (T, C, K). xyz_world: (T, K, 3), NaN where unknown. skeleton: of these.
-        true14_world: (T, 14, 3) of the paper's joints; None of real footage.
+        name: of the scene. rig: calibrated. t_s: (T,). views: NaN where unseen. xyz_world: (T, K, 3), NaN where unknown.
+        truth: None of real footage.
     """
 
     name: str
     rig: Rig
     t_s: np.ndarray
-    xy_img: np.ndarray
-    score: np.ndarray
-    sigma_px: np.ndarray
+    views: ViewSequence
     xyz_world: np.ndarray
-    skeleton: Skeleton
-    true14_world: np.ndarray | None
+    truth: Truth | None
+
+    @property
+    def xy_img(self) -> np.ndarray:
+        """(T, C, K, 2)."""
+        return self.views.xy_img[:, 0]
 
     def only(self, cameras: list[int], name: str) -> "Clip":
         rig = self.rig.only(self.rig.names[c] for c in cameras)
-        parts = {part: getattr(self, part)[:, cameras] for part in ("xy_img", "score", "sigma_px")}
-        return replace(self, name=name, rig=rig, **parts)
+        parts = {part: getattr(self.views, part)[:, :, cameras] for part in ("xy_img", "score", "sigma_px")}
+        return replace(self, name=name, rig=rig, views=replace(self.views, camera_names=rig.names, **parts))
 
     def lasting(self, seconds: float, begin_s: float = 0.0) -> "Clip":
         """To and fro until it is long enough, so that no person jumps."""
@@ -107,7 +107,7 @@ class Clip:
         there = np.arange(len(self.t_s))
         both = np.concatenate([there, there[-2:0:-1]])
         take = both[(round(begin_s / period_s) + np.arange(round(seconds / period_s))) % len(both)]
-        return replace(self, t_s=period_s * np.arange(len(take)), xy_img=self.xy_img[take], xyz_world=self.xyz_world[take])
+        return replace(self, t_s=period_s * np.arange(len(take)), views=self.views.part(take), xyz_world=self.xyz_world[take])
 
 
 def scenes(fit: bool) -> Iterator[tuple[str, Scene]]:
@@ -154,13 +154,10 @@ def clip_of_scene(name: str, scene: Scene, cache: Path) -> Clip:
 def clip_of_session(name: str, session: Path) -> Clip:
     """2D poses as the pipeline for recordings has them."""
     recording = tracked(session, rate_hz=RATE_HZ, joint_centres=False)
-    poses, true14 = recording.poses, None
-    xy = np.where((recording.views.score[:, 0] >= LEAST_SCORE)[..., None], recording.views.xy_img[:, 0], np.nan)
-    if (session / "truth").is_dir():
-        truth = truth_of(session)
-        true14 = pick_keypoints(true_xyz_at(truth, poses.t_ns)[:, 0], truth.skeleton, PAPER14.keypoints)
-    views = (xy, recording.views.score[:, 0], recording.views.sigma_px[:, 0])
-    return Clip(name, recording.rig, (poses.t_ns - poses.t_ns[0]) / 1e9, *views, poses.xyz_world[:, 0], poses.skeleton, true14)
+    poses, views = recording.poses, recording.views
+    views = replace(views, xy_img=np.where((views.score >= MIN_SCORE)[..., None], views.xy_img, np.nan))
+    truth = truth_of(session) if (session / "truth").is_dir() else None
+    return Clip(name, recording.rig, (poses.t_ns - poses.t_ns[0]) / 1e9, views, poses.xyz_world[:, 0], truth)
 
 
 def disturbed(
@@ -196,14 +193,20 @@ def later(clip: Clip, late_s: float) -> np.ndarray:
     return out
 
 
-def findings(clip: Clip, xy: np.ndarray, after_s: float) -> list[monitor.RigFinding]:
-    """Findings of the monitor for keypoints (T, C, K, 2); it stops some time after the first finding after `after_s`."""
-    chosen = limb_keypoints(clip.skeleton.keypoints)
-    state, found = monitor.new_monitor_state(clip.rig), []
+def observed(clip: Clip, xy: np.ndarray) -> Iterator[tuple[float, monitor.MonitorState, list[RigFinding]]]:
+    """Second, state and new findings of the monitor for keypoints (T, C, K, 2)."""
+    chosen, state = limb_keypoints(clip.views.skeleton.keypoints), monitor.new_monitor_state(clip.rig)
     for t_s, seen in zip(clip.t_s.tolist(), xy[:, :, chosen], strict=True):
+        state, new = monitor.observe(state, clip.rig, round(t_s * 1e9), seen)
+        yield t_s, state, new
+
+
+def findings(clip: Clip, xy: np.ndarray, after_s: float) -> list[RigFinding]:
+    """Findings of the monitor; it stops some time after the first finding after `after_s`."""
+    found: list[RigFinding] = []
+    for t_s, _, new in observed(clip, xy):
         if any(after_s * 1e9 <= one.t_ns < (t_s - SAID_S) * 1e9 for one in found):
             break
-        state, new = monitor.observe(state, clip.rig, round(t_s * 1e9), seen)
         found += new
     return found
 
@@ -271,19 +274,13 @@ def displaced_mm(clip: Clip, xy_img: np.ndarray, c: int) -> float:
 
 def error_mm(clip: Clip, xy_img: np.ndarray, left_out: int | None = None) -> float:
     """Of the robust fusion of every fifth time step."""
-    assert clip.true14_world is not None
-    score = np.where(np.isfinite(xy_img[..., 0]), clip.score, 0.0)
+    score = np.where(np.isfinite(xy_img[..., 0]), clip.views.score[:, 0], 0.0)
     if left_out is not None:
         score[:, left_out] = 0.0
-    apart = []
-    for i in range(0, len(clip.t_s), 5):
-        seen = {"xy_img": np.where((score[i] > 0)[..., None], xy_img[i], np.nan), "score": score[i], "sigma_px": clip.sigma_px[i]}
-        about = {"skeleton": clip.skeleton, "camera_names": clip.rig.names, "person_id": np.zeros(1, np.int64)}
-        views = Views(t_ns=i, **about, **{name: value[None] for name, value in seen.items()})
-        pose = fuse(views, clip.rig, FuseSettings())
-        got = pick_keypoints(pose.xyz_world[0], clip.skeleton, PAPER14.keypoints)
-        apart.append(np.linalg.norm(got - clip.true14_world[i], axis=-1))
-    return 1e3 * float(np.nanmean(apart))
+    xy = np.where((score > 0)[..., None], xy_img, np.nan)
+    views = replace(clip.views, xy_img=xy[:, None], score=score[:, None])
+    poses = [fuse(views.at(i), clip.rig, FuseSettings()) for i in range(0, len(clip.t_s), 5)]
+    return 1e3 * float(np.nanmean(np.linalg.norm(errors(poses, clip.truth, PAPER14.keypoints), axis=-1)))
 
 
 def quiet(clip: Clip) -> dict:
@@ -296,10 +293,8 @@ def quiet(clip: Clip) -> dict:
 
 def explained_by_nothing(clip: Clip) -> dict:
     """The most that a turn and a lateness of any camera explain with nothing wrong, in each memory."""
-    long, chosen, most = clip.lasting(QUIET_S), limb_keypoints(clip.skeleton.keypoints), {}
-    state = monitor.new_monitor_state(clip.rig)
-    for i, (t_s, seen) in enumerate(zip(long.t_s.tolist(), long.xy_img[:, :, chosen], strict=True)):
-        state, _ = monitor.observe(state, clip.rig, round(t_s * 1e9), seen)
+    long, most = clip.lasting(QUIET_S), {}
+    for i, (t_s, state, _) in enumerate(observed(long, long.xy_img)):
         if t_s > FAULT_AT_S and i % 3 == 0:
             for memory_s, sums in zip(monitor.MEMORIES_S, state.sums, strict=True):
                 for one in monitor.suspects(sums):
@@ -308,9 +303,13 @@ def explained_by_nothing(clip: Clip) -> dict:
     return {"clip": clip.name, **most}
 
 
-WRONG = (
-    *(f"turned by {degrees} deg" for degrees in (3, 5, 10)), "two swapped", "5 frames late", "10 frames late", "another rig",
-)  # fmt: skip
+# what is wrong, and what is to be found
+WRONG = {
+    **{f"turned by {degrees} deg": monitor.MOVED for degrees in (3, 5, 10)},
+    "two swapped": monitor.SWAPPED,
+    **{f"{frames} frames late": monitor.UNSYNCHRONISED for frames in (5, 10)},
+    "another rig": UNFIT,
+}
 # seconds of a session; a clip that is shorter is played to and fro at ten time steps a second
 LASTS_S = (2.0, 10.0, 60.0)
 
@@ -353,13 +352,12 @@ def played(log: Observations, seconds: float, late: tuple[int, int] = (0, 0)) ->
     thin = 1 if count * period_ns >= seconds * 1e9 else max(1, round(1e9 / RATE_HZ / period_ns))
     both = np.concatenate([np.arange(count), np.arange(count - 2, 0, -1)])
     steps = np.arange(0, round(seconds * 1e9 / period_ns) if thin > 1 else min(count, round(seconds * 1e9 / period_ns)), thin)
-    rows_of = [np.flatnonzero(log.frame_step == step) for step in range(count)]
     chosen, at = [], []
     for place, step in enumerate(steps.tolist()):
         for c in range(len(log.camera_names)):
             from_step = step - frames * (c == camera)
-            rows = rows_of[both[from_step % len(both)]] if from_step >= 0 else np.zeros(0, int)
-            chosen.append(rows[log.frame_camera[rows] == c])
+            mine = (log.frame_step == both[from_step % len(both)]) & (log.frame_camera == c) & (from_step >= 0)
+            chosen.append(np.flatnonzero(mine))
             at.append(np.full(len(chosen[-1]), place))
     return retimed(log, np.concatenate(chosen), np.concatenate(at), period_ns * steps)
 
@@ -397,13 +395,11 @@ def answered(clip: Recording, log: Observations, rig: Rig) -> list[RigFinding] |
 def tracked_wrong(clips: dict[str, Recording], seeds: list[int], lasts_s: list[float]) -> list[dict]:
     """For each fault and length: named, another answer, nothing."""
     rows = []
-    for wrong, seconds in product(WRONG, lasts_s):
+    for (number, (wrong, kind)), seconds in product(enumerate(WRONG.items()), lasts_s):
         row = {"fault": wrong, "seconds": f"up to {seconds:g}", **dict.fromkeys(("sessions", "named", "others", "nothing"), 0)}
         row["nothing in"] = []
-        kind = {"tur": monitor.MOVED, "two": monitor.SWAPPED, "ano": UNFIT}.get(wrong[:3], monitor.UNSYNCHRONISED)
-        for seed, (number, name) in product(seeds, enumerate(clips)):
-            clip = clips[name]
-            there, cameras = wrong_rig(clip.rig, wrong, np.random.default_rng([seed, number, WRONG.index(wrong), round(seconds)]))
+        for seed, (place, (name, clip)) in product(seeds, enumerate(clips.items())):
+            there, cameras = wrong_rig(clip.rig, wrong, np.random.default_rng([seed, place, number, round(seconds)]))
             late = (clip.rig.names.index(cameras[0]), int(wrong.split()[0])) if "late" in wrong else (0, 0)
             found = answered(clip, played(clip.observations, seconds, late), there)
             right = found is None if kind == UNFIT else False

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 from harness import Use, scene_from
 
+from paper.scenes.inertial import wander
 from posefuse.association import AssociateSettings
 from posefuse.core import Detections2D, Rig, Skeleton
 from posefuse.core.skeleton import ANATOMICAL23
@@ -63,18 +64,9 @@ def scene_of_person(motion: dict, cameras: int, seconds: float, seed: int) -> tu
     return live.rig, lambda t_s: live.keypoints(t_s)[:, 0]
 
 
-def wander(rng: np.random.Generator, t_s: np.ndarray, shape: tuple[int, ...], time_s: float) -> np.ndarray:
-    """(T, ...) of variance 1 that fades by e in `time_s`."""
-    slow = rng.standard_normal((len(t_s), *shape))
-    for i in range(1, len(t_s)):
-        keep = np.exp(-(t_s[i] - t_s[i - 1]) / time_s)
-        slow[i] = keep * slow[i - 1] + np.sqrt(1 - keep**2) * slow[i]
-    return slow
-
-
 def noise(rng: np.random.Generator, t_s: np.ndarray, keypoints: int) -> np.ndarray:
     """(T, K, 2) errors of one camera in sigmas: a constant, a slowly wandering and a white part."""
-    slow = wander(rng, t_s, (keypoints, 2), SLOW_S)
+    slow = wander(t_s, SLOW_S, (keypoints, 2), rng)
     constant, white = rng.standard_normal((keypoints, 2)), rng.standard_normal(slow.shape)
     return np.sqrt(CONSTANT) * constant + np.sqrt(SLOW) * slow + np.sqrt(1 - CONSTANT - SLOW) * white
 

@@ -1,4 +1,4 @@
-"""A session for bench/studio.py that costs no detector: the bundled clip with its exact truth, over the same host as a live one.
+"""A live session that costs no detector: the bundled clip with its exact truth, over the same host as a session with cameras.
 
     python bench/studio_source.py WORKSPACE CAMERAS
 

@@ -5,7 +5,6 @@
     python bench/teleoperation.py boxes [--seeds 3]
     python bench/teleoperation.py live --session FOLDER [--networks NAME]
     python bench/teleoperation.py kill [--repeats 5] [--session FOLDER]
-    python bench/teleoperation.py image --out FILE.png
 
 faults, follow and boxes run in simulated time, so that the load of the machine does not matter. FOLDER is a session of
 `posefuse simulate`, for live of examples/scenes/operator.yaml.
@@ -193,20 +192,13 @@ def kill(args: Namespace) -> Tables:
     return {"Until the robot stands": rows}
 
 
-def image(args: Namespace) -> Tables:
-    from rehearsal.drawing import draw_boxes
-
-    draw_boxes(args.out)
-    return {}
-
-
-STEPS = {step.__name__: step for step in (faults, follow, boxes, live, kill, image)}
+STEPS = {step.__name__: step for step in (faults, follow, boxes, live, kill)}
 
 
 def main() -> None:
     args = arguments(
         __doc__, positional=("step",), step=str, robot="own", first=0, count=20_000, workers=2, seeds=3,
-        networks=str, repeats=5, session=Path, out=Path,
+        networks=str, repeats=5, session=Path,
     )  # fmt: skip
     if args.step not in STEPS:
         raise SystemExit(f"{args.step}: expected one of {', '.join(STEPS)}")

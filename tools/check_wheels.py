@@ -16,7 +16,7 @@ from itertools import product
 from pathlib import Path
 
 from package import PYTHONS, ROOT
-from page_marks import write_between_marks
+from page_marks import markdown, write_between_marks
 
 SYSTEMS = {
     "Linux x86-64": "x86_64-manylinux_2_28",
@@ -34,11 +34,9 @@ def main() -> None:
     options = parser.parse_args()
     project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
     parts = ["core", *(extra for extra in project["optional-dependencies"] if extra not in LEFT_OUT)]
-    head = [["part", *SYSTEMS], ["---"] * (1 + len(SYSTEMS))]
     with ThreadPoolExecutor(4) as pool:
         cells = dict(pool.map(lambda one: (one, cell(*one)), product(parts, SYSTEMS)))
-    rows = [*head, *([part, *(cells[part, system] for system in SYSTEMS)] for part in parts)]
-    text = "\n".join(f"| {' | '.join(row)} |" for row in rows)
+    text = markdown(["part", *SYSTEMS], ([part, *(cells[part, system] for system in SYSTEMS)] for part in parts))
     print(text)
     if options.write:
         write_between_marks(options.write, text, "wheels")

@@ -25,13 +25,6 @@ def write_between_marks(page: Path, text: str, name: str) -> None:
     page.write_text(f"{before}{text}\n{after}", encoding="utf-8")
 
 
-def table_between_marks(page: Path, name: str) -> list[dict[str, str]]:
-    """The rows of the table of this name, by column."""
-    lines = [line for line in between_marks(page, name)[1].splitlines() if line.startswith("|")]
-    cells = [[cell.strip() for cell in line.strip("|").split("|")] for line in lines]
-    return [dict(zip(cells[0], row, strict=True)) for row in cells[2:]]
-
-
 def markdown(columns: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
     """A table."""
     return "\n".join(f"| {' | '.join(line)} |" for line in (columns, ["---"] * len(columns), *rows))

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import tempfile
 import warnings
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -19,7 +18,7 @@ from posefuse.core.arrays import Array
 from posefuse.formats.rig import read_rig, write_rig
 
 from .sessions import errors, ring
-from .verdict import Answer, Case, GoodSession
+from .verdict import GOOD, Answer, Case
 from .waved_props import Waving, cube
 
 _WRONG = 1e6
@@ -56,9 +55,6 @@ class _Recorded(Terminal):
 
     def warn(self, text: str) -> None:
         self.words.append(f"warning: {text}")
-
-    def table(self, title: str, columns: object, rows: object) -> None:
-        pass
 
 
 def room(seed: int) -> Rig:
@@ -153,12 +149,8 @@ def calibrate_films(seed: int, look: Look, ids: tuple[int, ...] = (), settings: 
     return Answer(False, "; ".join(terminal.words), millimetres, degrees)
 
 
-def _case(name: str, cause: str, look: Look, ids: tuple[int, ...] = (), settings: str = "") -> Case:
-    return Case(name, "images", cause, lambda seed: calibrate_films(seed, look, ids, settings))
-
-
-def _run(look: Look) -> Callable[[int], Answer]:
-    return lambda seed: calibrate_films(seed, look)
+def _case(name: str, cause: str, look: Look, ids: tuple[int, ...] = (), settings: str = "", group: str = "images") -> Case:
+    return Case(name, group, cause, lambda seed: calibrate_films(seed, look, ids, settings))
 
 
 STALE = "[cameras.cam01]\noffset_s = 0.1\n"
@@ -172,7 +164,7 @@ CASES = (
     _case("all images blurred by motion", r"blur", Look(exposure_s=0.35)),
     _case("old posefuse.toml next to a synchronised rig", r"posefuse\.toml", Look(), settings=STALE),
 )  # fmt: skip
-GOOD = (
-    GoodSession("rendered, sharp", _run(Look())),
-    GoodSession("rendered, exposure of 20 ms", _run(Look(exposure_s=0.02))),
+GOOD_SESSIONS = (
+    _case("rendered, sharp", "", Look(), group=GOOD),
+    _case("rendered, exposure of 20 ms", "", Look(exposure_s=0.02), group=GOOD),
 )

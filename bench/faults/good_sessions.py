@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -9,10 +10,10 @@ import numpy as np
 from posefuse.calibration.extrinsics.pipeline import Options
 from posefuse.calibration.targets.corners import CornerObservations
 
-from .command_cases import GOOD as RENDERED
+from .command_cases import GOOD_SESSIONS as RENDERED
 from .person_cases import calibrate, person_rig
 from .sessions import TIME_STEPS, Session, board_session, prop_session, solve
-from .verdict import Answer, GoodSession
+from .verdict import GOOD, Answer, Case
 from .verify_cases import answer, held_board, room
 from .walkers import gait_of, watch
 
@@ -43,49 +44,38 @@ def _with_uneven_exposure(
     return replace(seen, t_ns=seen.t_ns + off_ns[frame])
 
 
-def _prop(number: int) -> GoodSession:
-    count = (2, 3, 4, 5, 6, 8)[number % 6]
+def _waved(kind: str, make: Callable[[int, int], Session], counts: tuple[int, ...], number: int) -> Case:
+    count = counts[number % len(counts)]
 
     def run(seed: int) -> Answer:
-        session = prop_session(100 * seed + number, count)
+        session = make(100 * seed + number, count)
         seen, clocks = _varied(session, number, seed)
         return solve(session.rig, seen, session.rig.cameras, session.target, Options(time_steps=TIME_STEPS, clocks=clocks))
 
-    return GoodSession(f"prop {number}, {count} cameras", run)
+    return Case(f"{kind} {number}, {count} cameras", GOOD, "", run)
 
 
-def _board(number: int) -> GoodSession:
-    count = (2, 3, 4)[number % 3]
-
-    def run(seed: int) -> Answer:
-        session = board_session(100 * seed + number, count)
-        seen, clocks = _varied(session, number, seed)
-        return solve(session.rig, seen, session.rig.cameras, session.target, Options(time_steps=TIME_STEPS, clocks=clocks))
-
-    return GoodSession(f"board {number}, {count} cameras", run)
-
-
-def _person(number: int) -> GoodSession:
+def _person(number: int) -> Case:
     def run(seed: int) -> Answer:
         truth, gait = person_rig(100 * seed + number), gait_of(100 * seed + number)
         late_s = (0.0, 0.1, -0.05, 0.03) if number % 3 == 2 else ()
         seen = watch(truth, gait, 20.0 + 8 * number, late_s=late_s, noise_px=1.0 + 0.3 * number, seed=seed)
         return calibrate(truth, seen, truth.cameras)
 
-    return GoodSession(f"person {number}", run)
+    return Case(f"person {number}", GOOD, "", run)
 
 
-def _verified(number: int) -> GoodSession:
+def _verified(number: int) -> Case:
     def run(seed: int) -> Answer:
         truth = room(100 * seed + number)
         return answer(truth, held_board(truth, seed, noise_px=(0.05, 0.15, 0.4, 0.8)[number % 4]), wrong=False)
 
-    return GoodSession(f"verify {number}", run)
+    return Case(f"verify {number}", GOOD, "", run)
 
 
 SESSIONS = (
-    *(_prop(i) for i in range(_PROPS)),
-    *(_board(i) for i in range(_BOARDS)),
+    *(_waved("prop", prop_session, (2, 3, 4, 5, 6, 8), i) for i in range(_PROPS)),
+    *(_waved("board", board_session, (2, 3, 4), i) for i in range(_BOARDS)),
     *(_person(i) for i in range(_PERSONS)),
     *(_verified(i) for i in range(_VERIFIED)),
     *RENDERED,

@@ -146,15 +146,9 @@ def _other_side(factor: float) -> Build:
     return build
 
 
-def _stretched_board(s: Session, seed: int) -> tuple[CornerObservations, tuple[Camera, ...], Target]:
-    """The sheet was printed 3 % too long."""
-    printed = replace(s, target=_Stretched(columns=5, rows=7, square_m=0.12, marker_m=0.09))
-    return printed.watch(), s.rig.cameras, s.target
-
-
-def _bent_board(s: Session, seed: int) -> tuple[CornerObservations, tuple[Camera, ...], Target]:
-    printed = replace(s, target=_Bent(columns=5, rows=7, square_m=0.12, marker_m=0.09))
-    return printed.watch(), s.rig.cameras, s.target
+def _printed(kind: type[Charuco]) -> Build:
+    """The sheet is another one than is stated."""
+    return lambda s, seed: (replace(s, target=kind(**vars(s.target))).watch(), s.rig.cameras, s.target)
 
 
 class _Stretched(Charuco):
@@ -307,10 +301,10 @@ CASES = (
     _case(
         "board: printed 3 % too long",
         r"(board|target|print).{0,60}(stretched|longer|not as described)",
-        _stretched_board,
+        _printed(_Stretched),
         group="board",
     ),
-    _case("board: bent by 15 mm", r"(board|target).{0,40}(bent|flat|not as described)", _bent_board, group="board"),
+    _case("board: bent by 15 mm", r"(board|target).{0,40}(bent|flat|not as described)", _printed(_Bent), group="board"),
     _case("board: image of one turned by 180 deg", r"cam01.*turned by 180|upside down: cam01", _turned((1,)), group="board"),
     _case("board: one video given twice", r"cam00 and cam01.*(same video|nearest, 0 mm)", _twice(0.0), group="board"),
 )

@@ -10,7 +10,8 @@ from dataclasses import dataclass
 MOST_ERROR_MM, MOST_ERROR_DEG = 10.0, 0.1
 RIGHT, OTHER, CORRECTED, SILENT = "right name", "other name", "corrected", "silent"
 VERDICTS = (RIGHT, OTHER, CORRECTED, SILENT)
-ACCEPTED, REFUSED = "accepted", "wrongly refused"
+# the group of sessions without a fault, and what they get
+GOOD, ACCEPTED, REFUSED = "good", "accepted", "wrongly refused"
 
 
 @dataclass(frozen=True)
@@ -30,10 +31,10 @@ class Answer:
 
 @dataclass(frozen=True)
 class Case:
-    """One fault.
+    """One fault, or a good session.
 
     Attributes:
-        name: in words. group: what is calibrated. cause: regular expression of the words that name the cause.
+        name: in words. group: what is calibrated, or `GOOD`. cause: regular expression of the words that name the cause.
         run: seed -> answer. not_in_images: why no image can show it; empty where one can.
     """
 
@@ -44,16 +45,10 @@ class Case:
     not_in_images: str = ""
 
 
-@dataclass(frozen=True)
-class GoodSession:
-    """A session without a fault: name, and seed -> answer."""
-
-    name: str
-    run: Callable[[int], Answer]
-
-
 def verdict(case: Case, answer: Answer) -> str:
-    """One of `VERDICTS`."""
+    """One of `VERDICTS`; of a good session `ACCEPTED` or `REFUSED`."""
+    if case.group == GOOD:
+        return REFUSED if answer.refused else ACCEPTED
     named = re.search(case.cause, answer.words) is not None
     if answer.refused:
         return RIGHT if named else OTHER

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -15,7 +14,7 @@ from posefuse_teleop.settings import MappingSettings, RobotSettings, Teleoperati
 from posefuse_teleop.values import OperatorView, Phase
 
 from .figures import lag_and_rms
-from .operator import RATE_HZ, MadeUpHand, Tick, operated
+from .operator import RATE_HZ, MadeUpHand, operated
 from .robots import with_joints
 
 _EDGE_M, _TABLE_M = 0.06, 0.40
@@ -76,56 +75,28 @@ def script(start: Array) -> Script:
     return Script(xyz=np.concatenate([*xyz, [here]]), grip=np.concatenate([*grip, [False]]))
 
 
-@dataclass(eq=False)
-class BoxStage:
-    """Robot, table and boxes; `plan` counts from where the end effector begins."""
-
-    robot: MujocoRobot
-    driver: Driver
-    plan: Script
-
-    @staticmethod
-    def built() -> BoxStage:
-        """With the whole task."""
-        robot = with_joints(SETTINGS, mobile_manipulator(SETTINGS.hands, things()))
-        driver = Driver(robot, SETTINGS)
-        base_from_world = robot.joints.world_from_model.inverse()
-        return BoxStage(robot, driver, script(base_from_world @ driver.state.xyz_world[0]))
-
-    def on_marks(self) -> int:
-        """How many boxes lie on the table within 3 cm of their marks."""
-        found = [(self.robot.data.body(f"box{i}").xpos, mark) for i, mark in enumerate(MARKS)]
-        lie = [abs(xyz[2] - _TABLE_M - _EDGE_M / 2) < 0.01 and np.hypot(*(xyz[:2] - mark)) <= _NEAR_M for xyz, mark in found]
-        return int(sum(lie))
-
-
-def move_boxes(
-    hand: MadeUpHand | None = None,
-    watch: Callable[[MujocoRobot, Tick, float], None] | None = None,
-    *,
-    seconds: float = 1e6,
-) -> dict[str, float]:
-    """Do the task, or its first seconds: boxes on their marks of all, seconds, error of the path after one lag, and that lag.
-
-    Args:
-        hand: as the robot's side knows it; None: exactly. watch: is shown every tick and its time in s.
-    """
-    stage, hand = BoxStage.built(), hand or MadeUpHand()
-    plan, rest = stage.plan, round(REST_S * RATE_HZ)
+def move_boxes(hand: MadeUpHand) -> dict[str, float]:
+    """Do the task: boxes on their marks of all, seconds, error of the path after one lag, and that lag. hand: as it is known."""
+    robot = with_joints(SETTINGS, mobile_manipulator(SETTINGS.hands, things()))
+    driver, world_from_base = Driver(robot, SETTINGS), robot.joints.world_from_model
+    plan, rest = script(world_from_base.inverse() @ driver.state.xyz_world[0]), round(REST_S * RATE_HZ)
 
     def look(k: int, now_ns: int) -> tuple[OperatorView | None, tuple[Beat, ...]]:
         i = max(0, k - rest)
         beat = Beat(seq=k, sent_ns=now_ns, grip=bool(plan.grip[i]))
         return hand.view(k, HAND_M + (plan.xyz[i] - plan.xyz[0]) / SCALE, now_ns), (beat,) if k > rest - _PRESSED else ()
 
-    ticks, done = min(rest + len(plan.xyz), int(seconds * RATE_HZ)), []
-    holds = 0
-    for k, tick in enumerate(operated(stage.driver, SETTINGS, ticks, look)):
+    done, holds = [], 0
+    for tick in operated(driver, SETTINGS, rest + len(plan.xyz), look):
         holds += tick.operator.gate.phase is Phase.HOLD and tick.before.gate.phase is Phase.ENGAGED
         done.append(tick.robot.measured_xyz_world[0])
-        if watch is not None and tick.operator.view is not None:
-            watch(stage.robot, tick, k / RATE_HZ)
-    wanted = stage.robot.joints.world_from_model @ plan.xyz[1 : ticks - rest]
-    lag_s, rms_m = lag_and_rms(wanted, np.array(done[rest + 1 :]), RATE_HZ)
-    moved = {"placed": stage.on_marks(), "of": len(MARKS), "seconds": len(plan.xyz) / RATE_HZ}
+    lag_s, rms_m = lag_and_rms(world_from_base @ plan.xyz[1:], np.array(done[rest + 1 :]), RATE_HZ)
+    moved = {"placed": on_marks(robot), "of": len(MARKS), "seconds": len(plan.xyz) / RATE_HZ}
     return moved | {"path_rms_mm": 1e3 * rms_m, "lag_ms": 1e3 * lag_s, "holds": int(holds)}
+
+
+def on_marks(robot: MujocoRobot) -> int:
+    """How many boxes lie on the table within 3 cm of their marks."""
+    found = [(robot.data.body(f"box{i}").xpos, mark) for i, mark in enumerate(MARKS)]
+    lie = [abs(xyz[2] - _TABLE_M - _EDGE_M / 2) < 0.01 and np.hypot(*(xyz[:2] - mark)) <= _NEAR_M for xyz, mark in found]
+    return int(sum(lie))

@@ -175,7 +175,7 @@ def about(context: Context) -> dict[str, Any]:
 
 
 class Console:
-    """Notes, warnings and bars on stderr; with `as_json` the figures go to stdout as one object."""
+    """Notes and bars on stderr; with `as_json` the figures go to stdout as one object."""
 
     def __init__(self, as_json: bool) -> None:
         self._as_json = as_json
@@ -184,10 +184,6 @@ class Console:
     def note(self, text: str) -> None:
         """One line of news."""
         self._screen.print(text, markup=False)
-
-    def warn(self, text: str) -> None:
-        """One line about something that is not as it should be."""
-        self._screen.print(f"warning: {text}", style="yellow", markup=False)
 
     def figures(self, figures: Mapping[str, Any]) -> None:
         """The one object of a run."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from contextlib import closing
 from typing import Any
 
 import numpy as np
@@ -11,7 +12,8 @@ from paper.scenes.paper import Column
 from posefuse.core import PAPER14, Array, PoseSequence, pick_keypoints
 from posefuse.evaluation import JointErrors, true_xyz_at
 from posefuse.formats.page import Line, Plot
-from posefuse.pipeline import build_source, find_session
+from posefuse.sources import VideoConfig, VideoSeeker, nearest
+from posefuse_sim import SessionPaths
 
 from .runs import Run
 
@@ -87,10 +89,6 @@ def trajectories(done: Run, joints: Sequence[str], sequences: Mapping[str, PoseS
     return drawn
 
 
-# a frame that close to its time step is that time step's
-_SAME_NS = 1_000_000
-
-
 def drawn_images(run: Run, camera: int, time_steps: Sequence[int], width_px: int = 480) -> dict[str, Array]:
     """Captions to images of one camera at time steps of the recording, with the fused skeleton drawn in."""
     from posefuse.outputs import view_tile
@@ -108,17 +106,6 @@ def drawn_images(run: Run, camera: int, time_steps: Sequence[int], width_px: int
 def images_at(run: Run, camera: int, time_steps: Sequence[int]) -> dict[int, Array]:
     """What a camera saw at time steps of the recording, in their order."""
     name = run.recording.rig.names[camera]
-    entry = next(entry for entry in find_session(run.folder, run.config).inputs if entry.camera == name)
-    source = build_source(entry, run.config)
-    wanted = {int(i): run.recording.poses.t_ns[i] for i in time_steps}
-    images: dict[int, Array] = {}
-    try:
-        for frame in source.frames():
-            for i, t_ns in wanted.items():
-                if i not in images and frame.t_ns >= t_ns - _SAME_NS:
-                    images[i] = np.array(frame.image)
-            if len(images) == len(wanted):
-                break
-    finally:
-        source.close()
-    return dict(sorted(images.items()))
+    with closing(VideoSeeker(VideoConfig(SessionPaths(run.folder).video(name), name))) as video:
+        wanted = {i: nearest(video.times_ns, int(run.recording.poses.t_ns[i])) for i in sorted(map(int, time_steps))}
+        return {i: np.array(video.at(frame).image) for i, frame in wanted.items()}

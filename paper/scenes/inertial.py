@@ -123,8 +123,8 @@ def _sensor(body: _Body, noise: SuitNoise, rng: np.random.Generator) -> tuple[Ar
     ahead, aside = np.deg2rad(rng.normal(0, 1, 2) * noise.mounting_deg)
     cos, sin = np.cos(body.facing_rad), np.sin(body.facing_rad)
     mounting = np.stack([ahead * cos - aside * sin, ahead * sin + aside * cos], axis=-1)
-    tilt = np.deg2rad(noise.tilt_deg) * _wander(body.t_s, 1.0, (2,), rng) + mounting
-    heading = np.deg2rad(noise.heading_deg) * _wander(body.t_s, noise.heading_time_s, (1,), rng)[:, 0] + body.suit_turn_rad
+    tilt = np.deg2rad(noise.tilt_deg) * wander(body.t_s, 1.0, (2,), rng) + mounting
+    heading = np.deg2rad(noise.heading_deg) * wander(body.t_s, noise.heading_time_s, (1,), rng)[:, 0] + body.suit_turn_rad
     return np.concatenate([tilt, heading[:, None]], axis=-1), float(rng.normal() * noise.length_m)
 
 
@@ -136,7 +136,7 @@ def _erring(bone: Array, small_turn: Array, longer_m: float) -> Array:
     return np.asarray(turned * (1 + longer_m / length))
 
 
-def _wander(t_s: Array, time_s: float, shape: tuple[int, ...], rng: np.random.Generator) -> Array:
+def wander(t_s: Array, time_s: float, shape: tuple[int, ...], rng: np.random.Generator) -> Array:
     """(T, ...) Gauss-Markov process of unit variance and correlation time `time_s`."""
     out = np.empty((len(t_s), *shape))
     out[0] = rng.normal(size=shape)

@@ -1,11 +1,13 @@
 """What only a browser can show, on a studio with a stand-in for a live session."""
 
+from contextlib import ExitStack
+from pathlib import Path
 from typing import Any
 
 import pytest
 
 from posefuse_studio.workspace import StudioWorkspace
-from tools.studio_server import stand_in
+from tools.studio_server import PATIENCE_S, cookies, free_port, server, session_of, stand_in
 
 pytestmark = pytest.mark.slow
 
@@ -58,3 +60,35 @@ def test_the_overlay_of_a_recording_is_switched_where_it_stands(page: Any, lab: 
     page.get_by_role("switch", name="Overlay").click()
     page.wait_for_function(f"window.posefuseDrawn.tile >= {3 * cameras}")
     assert bytes(tile.screenshot()) == with_overlay
+
+
+def test_a_session_survives_closed_tabs_a_lost_connection_and_another_server(chromium: Any, tmp_path: Path) -> None:
+    port = free_port()
+
+    def shown(tab: Any) -> None:
+        tab.goto(f"http://127.0.0.1:{port}/live")
+        drawn_more(tab, "messages", 20)
+        assert session_of(tmp_path) == before
+
+    def new_tab() -> Any:
+        tab = chromium.new_page()
+        tab.context.add_cookies(cookies())
+        tab.set_default_timeout(PATIENCE_S * 1e3)
+        return tab
+
+    with ExitStack() as session:
+        with server(tmp_path, port):
+            session.enter_context(stand_in(tmp_path, 4))
+            before = session_of(tmp_path)
+            one, two = new_tab(), new_tab()
+            shown(one)
+            shown(two)
+            one.close()
+            shown(two)
+            two.context.set_offline(True)
+            two.wait_for_timeout(3000)
+            two.context.set_offline(False)
+            shown(two)
+            two.close()
+        with server(tmp_path, port):
+            shown(new_tab())

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Iterator
-from contextlib import closing
 from importlib.util import module_from_spec, spec_from_file_location
 from pathlib import Path
 from types import ModuleType
@@ -19,7 +18,7 @@ from PIL import Image
 import posefuse as pf
 from posefuse.outputs.drawing import grid_for, view_tile
 from posefuse.outputs.overview import stage_picture
-from posefuse.sources.video import VideoConfig
+from posefuse.sources import VideoConfig, VideoSeeker, nearest
 
 ROOT = Path(__file__).resolve().parents[2]
 IMAGES = ROOT / "docs" / "images"
@@ -55,32 +54,15 @@ def moving_picture() -> Path:
 def _pictures(recording: pf.Recording) -> Iterator[np.ndarray]:
     grid = grid_for([camera.size_wh for camera in recording.rig], VIEWS_WH)
     width, height = grid.size_wh
-    readers = [_images(CLIP / "videos" / f"{name}.mp4", recording.poses.t_ns) for name in recording.rig.names]
-    for i in range(len(recording.poses)):
-        images = [next(reader) for reader in readers]
-        if i % STEP:
-            continue
+    videos = [VideoSeeker(VideoConfig(path=CLIP / "videos" / f"{name}.mp4", camera=name)) for name in recording.rig.names]
+    for i in range(0, len(recording.poses), STEP):
         picture = np.zeros((height, width + STAGE_WIDTH, 3), np.uint8)
-        for c, image in enumerate(images):
+        for c, video in enumerate(videos):
+            image = video.at(nearest(video.times_ns, int(recording.poses.t_ns[i]))).image
             left, top = grid.corner(c)
             picture[top : top + grid.tile_wh[1], left : left + grid.tile_wh[0]] = view_tile(recording, i, c, image, grid.tile_wh)
         picture[:, width:] = stage_picture(recording, i, (STAGE_WIDTH, height))
         yield picture
-
-
-def _images(video: Path, t_ns: np.ndarray) -> Iterator[np.ndarray]:
-    """The image of a video nearest to each time, which must increase."""
-    with closing(VideoConfig(path=str(video), camera=video.stem).build().frames()) as frames:
-        frame = next(frames)
-        for now in t_ns:
-            after = frame
-            while after.t_ns < now:
-                frame = after
-                after = next(frames, frame)
-                if after is frame:
-                    break
-            frame = min(frame, after, key=lambda one: abs(int(one.t_ns) - int(now)))
-            yield frame.image
 
 
 def _script(name: str) -> ModuleType:

@@ -4,7 +4,7 @@ const SETUP = "setup", POSES = "poses", IMAGE = "image", VALUES = "values", LABE
 const RETRY_MS = 800;
 const streams = new Map();
 
-// counted for the measurements of bench/studio.py
+// counted for tests and measurements in a browser
 window.posefuseDrawn = window.posefuseDrawn || { scene: 0, tile: 0, messages: 0 };
 
 export function listen(name, listener) {
