@@ -14,13 +14,12 @@ import tempfile
 from pathlib import Path
 
 import cv2
-from playwright.sync_api import Browser, Page, sync_playwright
 
 import posefuse
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tools"))
 
-from studio_server import GRAPHICS, ROOT, SIZES, cookies, free_port, server
+from studio_server import ROOT, SIZES, Watched, free_port, in_chromium, server
 
 _IMAGES = ROOT / "docs" / "images"
 _BROWSERS = ("chromium", "chromium-browser", "google-chrome")
@@ -43,13 +42,10 @@ def main() -> None:
     with tempfile.TemporaryDirectory() as folder:
         workspace = filled_workspace(Path(folder), args.result)
         port = free_port()
-        with server(workspace, port), sync_playwright() as playwright:
-            browser = playwright.chromium.launch(executable_path=executable, args=GRAPHICS)
-            watched = Watched(browser, port)
+        with server(workspace, port), in_chromium(port, executable) as watched:
             for ending, size_wh in SIZES.items():
                 photograph(watched, ending, size_wh)
-            browser.close()
-    print(f"requests elsewhere: {watched.elsewhere[:5]}; errors of pages: {watched.errors[:5]}")
+    print(watched.found())
     raise SystemExit(bool(watched.elsewhere or watched.errors))
 
 
@@ -61,30 +57,6 @@ def filled_workspace(folder: Path, result: Path | None) -> Path:
     else:
         posefuse.track(folder / "sessions" / "demo", end_s=4.0, out=folder / _RECORDING, progress=True)
     return folder
-
-
-class Watched:
-    """Pages of one browser: requests to other hosts, and what went wrong."""
-
-    def __init__(self, browser: Browser, port: int) -> None:
-        self.browser, self.base = browser, f"http://127.0.0.1:{port}"
-        self.elsewhere: list[str] = []
-        self.errors: list[str] = []
-
-    def page(self, size: tuple[int, int], path: str) -> Page:
-        """A new tab that shows this page."""
-        page = self.browser.new_page(viewport={"width": size[0], "height": size[1]})
-        page.context.add_cookies(cookies())
-        page.on("request", lambda request: self._asked(request.url))
-        page.on("websocket", lambda socket: self._asked(socket.url.replace("ws://", "http://", 1)))
-        page.on("response", lambda answer: self.errors.append(f"{answer.status} {answer.url}") if answer.status >= 500 else None)
-        page.on("pageerror", lambda error: self.errors.append(str(error)))
-        page.goto(self.base + path)
-        return page
-
-    def _asked(self, url: str) -> None:
-        if not url.startswith((self.base, "data:", "blob:")):
-            self.elsewhere.append(url)
 
 
 def photograph(watched: Watched, ending: str, size_wh: tuple[int, int]) -> None:

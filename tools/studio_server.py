@@ -1,4 +1,4 @@
-"""A studio to try things on: for the images and tests that open its pages in a browser."""
+"""A studio to try things on: for the images, the walk and the tests that open its pages in a browser."""
 
 from __future__ import annotations
 
@@ -12,7 +12,10 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from playwright.sync_api import Browser, Page
 
 ROOT = Path(__file__).resolve().parents[1]
 CHROMIUM = "/usr/bin/chromium"
@@ -74,6 +77,49 @@ def stand_in(workspace: Path, cameras: int) -> Iterator[None]:
     finally:
         process.terminate()
         process.wait(PATIENCE_S)
+
+
+class Watched:
+    """Pages of one browser: what they asked for and what went wrong."""
+
+    def __init__(self, browser: Browser, port: int) -> None:
+        self.browser, self.base = browser, f"http://127.0.0.1:{port}"
+        self.requests = 0
+        self.elsewhere: list[str] = []
+        self.errors: list[str] = []
+
+    def page(self, size: tuple[int, int] = SIZES[""], path: str = "") -> Page:
+        """A new tab; path: is opened in it."""
+        page = self.browser.new_page(viewport={"width": size[0], "height": size[1]})
+        page.context.add_cookies(cookies())
+        page.on("request", lambda request: self._asked(request.url))
+        page.on("websocket", lambda socket: self._asked(socket.url.replace("ws://", "http://", 1)))
+        page.on("response", lambda answer: self.errors.append(f"{answer.status} {answer.url}") if answer.status >= 500 else None)
+        page.on("pageerror", lambda error: self.errors.append(str(error)))
+        if path:
+            page.goto(self.base + path)
+        return page
+
+    def found(self) -> str:
+        """Requests and errors, for people."""
+        asked = f"{self.requests} requests, {len(self.elsewhere)} elsewhere: {self.elsewhere[:5]}"
+        return f"{asked}\nerrors of pages: {self.errors[:5]}"
+
+    def _asked(self, url: str) -> None:
+        self.requests += 1
+        if not url.startswith((self.base, "data:", "blob:")):
+            self.elsewhere.append(url)
+
+
+@contextmanager
+def in_chromium(port: int, chromium: str = CHROMIUM) -> Iterator[Watched]:
+    """Pages of the studio at this port; the browser ends with the block."""
+    from playwright.sync_api import sync_playwright
+
+    with sync_playwright() as playwright:
+        browser = playwright.chromium.launch(executable_path=chromium, args=GRAPHICS)
+        yield Watched(browser, port)
+        browser.close()
 
 
 def until(condition: Callable[[], object], what: str, seconds: float = PATIENCE_S) -> None:
