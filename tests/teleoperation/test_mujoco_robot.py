@@ -355,27 +355,28 @@ def least_m(robot, q, home):
     return np.array(found), names
 
 
+# how far from the start the hands are sent, and the bodies of which one is in the way
 ARMS_AT = {
-    "each other": ([0.0, 0.4, 0.0], [0.0, -0.4, 0.0]),
-    "each other across": ([0.1, 0.5, -0.1], [-0.1, -0.5, 0.1]),
-    "the floor": ([0.1, 0.0, -0.7], [0.1, 0.0, -0.7]),
-    "the base": ([-0.6, 0.0, -0.5], [-0.6, 0.0, -0.5]),
+    "each other": ([0.0, 0.4, 0.0], [0.0, -0.4, 0.0], "left"),
+    "each other across": ([0.1, 0.5, -0.1], [-0.1, -0.5, 0.1], "left"),
+    "the floor": ([0.1, 0.0, -0.7], [0.1, 0.0, -0.7], "floor"),
+    "the base": ([-0.7, 0.0, -0.6], [-0.7, 0.0, -0.6], "base"),
 }
 
 
 @pytest.mark.parametrize("way", ARMS_AT)
 def test_two_arms_driven_at_something_keep_their_distance(way):
-    limits = replace(LIMITS, box_low_m=(-9, -9, -9))
-    robot, q, _ = driven(("right", "left"), [np.array(ARMS_AT[way])] * 300, limits)
+    right, left, thing = ARMS_AT[way]
+    text = mobile_manipulator(("right", "left"))
+    if thing == "floor":  # joints end before a hand reaches the one on which this robot stands
+        text = text.replace('name="floor"', 'name="floor" pos="0 0 0.1"')
+    model = mujoco_model(None, ("right", "left"), text)
+    robot, q, _ = driven(("right", "left"), [np.array([right, left])] * 400, replace(LIMITS, box_low_m=(-9, -9, -9)), model)
     found, names = least_m(robot, q, robot.joints.chain.home)
     assert found.min() >= LIMITS.collision_m - 1e-8
-    # it does get near, so that this is the guard's work
-    assert found.min() < 0.06
-    if way.startswith("each other"):
-        crossed = [
-            i for i, pair in enumerate(names) if any("right" in one for one in pair) and any("left" in one for one in pair)
-        ]
-        assert found[:, crossed].min() < 0.06
+    # the right arm does get near to it, so that this is the guard's work; what is near in every pose does not count
+    met = [{"right", thing} <= {name.split("_")[0] for name in pair} for pair in names] & (np.ptp(found, axis=0) > 0.1)
+    assert found[:, met].min() < LIMITS.collision_m + 0.01
 
 
 FIXED_ARMS = """<mujoco><compiler angle="radian"/><worldbody><geom name="floor" type="plane" size="3 3 .1"/>
