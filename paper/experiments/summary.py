@@ -116,7 +116,7 @@ def _latency(figures: Mapping[str, Any]) -> list[str]:
             for name, one in live["cameras"].items()
         ]  # fmt: skip
         tables += [
-            f"On {device} ({live['processor']}):",
+            f"Device: {device} ({live['processor']}):",
             _table(["camera", *stages, "end to end", "p95", "decoding alone"], rows),
             f"{100 * live['used_share']:.0f} % of the frames used, {live['output_hz']:.1f} poses per second.",
         ]
