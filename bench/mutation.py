@@ -42,7 +42,13 @@ PACKAGES = {
     "body": (("src/posefuse/kinematics/**/*.py",), ("tests/kinematics", "tests/derivatives", "tests/truth/test_angles.py")),
     "fusion": (
         ("src/posefuse/fusion/**/*.py",),
-        ("tests/fusion", "tests/laws/test_fuse_laws.py", "tests/laws/test_depth_laws.py", "tests/derivatives"),
+        (
+            "tests/fusion",
+            "tests/laws/test_fuse_laws.py",
+            "tests/laws/test_depth_laws.py",
+            "tests/derivatives",
+            "tests/oracles/test_fuse_against_opencv.py",
+        ),
     ),
     "recorded pipeline": (
         tuple(f"src/posefuse/pipeline/{name}.py" for name in _RECORDED),
