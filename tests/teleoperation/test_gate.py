@@ -9,7 +9,7 @@ import pytest
 from bench.rehearsal.person import person_view
 from bench.rehearsal.robots import ExactRobot
 from posefuse_teleop.follower import Driver
-from posefuse_teleop.gate import Beat
+from posefuse_teleop.gate import FINE, Beat, SeenBody, continuity_finding
 from posefuse_teleop.hands import BODY
 from posefuse_teleop.session import Operator, OperatorNews, step_operator
 from posefuse_teleop.settings import TeleoperationSettings
@@ -369,6 +369,26 @@ def test_another_body_while_the_clock_is_off_does_not_get_it_either(engaged_run,
 def test_exchanged_hands_never_get_the_robot_without_a_new_press(engaged_run):
     for seed in range(40):
         assert_never_again_without_a_press(engaged_run.copied(), exchanged_hands, np.random.default_rng([seed, 4]))
+
+
+@pytest.mark.parametrize("place", [(0.0, 0.0, 1.0), (3.0, -2.0, 1.2), (-4.0, 5.0, 0.1)])
+def test_hands_near_each_other_that_are_exchanged_are_named_so_anywhere_in_the_room(place):
+    """Each has moved by no more than a hand may move in one frame, and the trunk stands."""
+    trunk, time_ns = np.add(place, [[0.0, 0.2, 0.4], [0.0, -0.2, 0.4], [0.0, 0.1, 0.0], [0.0, -0.1, 0.0]]), np.full(4, 10**9)
+    known = SeenBody(
+        person_id=0,
+        hand_xyz=np.add(place, [[0.4, -0.045, 0.2]]),
+        other_xyz=np.add(place, [[0.4, 0.045, 0.2]]),
+        hand_ns=10**9,
+        trunk_xyz=trunk,
+        trunk_ns=time_ns,
+        lengths_m=np.array([0.26, 0.4]),
+    )
+    later = {"hand_ns": known.hand_ns + 33_000_000, "trunk_ns": time_ns + 33_000_000}
+    crossed = replace(known, hand_xyz=known.other_xyz, other_xyz=known.hand_xyz, **later)
+    found = continuity_finding(known, crossed, TeleoperationSettings().gate)
+    assert found.ends and found.reason == "left and right hand were exchanged"
+    assert continuity_finding(known, replace(known, **later), TeleoperationSettings().gate) == FINE
 
 
 def test_hands_exchanged_while_they_touch_do_not_get_it_either():
