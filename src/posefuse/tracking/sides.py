@@ -25,8 +25,9 @@ _FACING_CLUES = 2
 _LEAST_TWIST = 0.2
 # a view is held to no less than this, so that an overconfident one is not exchanged for a few pixels
 _LEAST_SIGMA_PX = 2.0
-# Cauchy loss that exchanging a limb in a view must save; its scale in standard deviations
-_LEAST_GAIN, _SCALE_SIGMA = 2.0, 2.0
+# Cauchy loss that exchanging a limb in a view must save; its scale in standard deviations; and by how many of them both limbs may
+# then miss the reference: a view that sees one arm and takes it for both gives no reason to exchange the arms of another view
+_LEAST_GAIN, _SCALE_SIGMA, _MOST_SIGMA = 2.0, 2.0, 5.0
 # time steps whose views are judged at once: intermediate arrays are several times as large as the views
 _PART_STEPS = 1000
 
@@ -59,7 +60,7 @@ def steady_sides(sequence: PoseSequence, facing: Array) -> tuple[Array, Array]:
 
 
 def sides_like(reference: PoseSequence, rig: Rig, views: ViewSequence) -> ViewSequence:
-    """The views with left and right of a limb exchanged wherever that view then fits the reference better.
+    """The views with left and right of a limb exchanged wherever that view then fits the reference, and better than before.
 
     The reference is the same recording steadied over time, so a view is judged by what came before and after as well as by
     the other views.
@@ -78,13 +79,16 @@ def sides_that_differ(xyz_world: Array, rig: Rig, views: ViewSequence) -> Array:
     """(T, N, C, L) which of the skeleton's L pairs of limbs a view has exchanged, by points (T, N, K, 3); see `sides_like`."""
     expected = np.stack([camera.project(xyz_world) for camera in rig], axis=2)
     sigma, wrong = np.fmax(views.sigma_px, _LEAST_SIGMA_PX), np.zeros((*views.score.shape[:3], len(views.skeleton.limbs)), bool)
+    most = np.log1p((_MOST_SIGMA / _SCALE_SIGMA) ** 2)
     for limb, (left, right) in enumerate(views.skeleton.limbs):
-        loss = {
-            (i, j): _loss(views.xy_img[..., seen, :] - expected[..., named, :], sigma[..., seen])
-            for i, seen in enumerate((left, right))
-            for j, named in enumerate((left, right))
-        }
-        wrong[..., limb] = loss[0, 0] + loss[1, 1] - loss[0, 1] - loss[1, 0] > _LEAST_GAIN
+        saved, fits = np.zeros(wrong.shape[:-1]), np.ones(wrong.shape[:-1], bool)
+        for seen, other in ((left, right), (right, left)):
+            kept, exchanged = (
+                _loss(views.xy_img[..., seen, :] - expected[..., named, :], sigma[..., seen]) for named in (seen, other)
+            )
+            saved += np.nansum(kept - exchanged, axis=-1)
+            fits &= np.nansum(exchanged - most, axis=-1) <= 0
+        wrong[..., limb] = fits & (saved > _LEAST_GAIN)
     return wrong
 
 
@@ -102,9 +106,8 @@ def with_sides_exchanged(views: ViewSequence, wrong: Array) -> ViewSequence:
 
 
 def _loss(away_px: Array, sigma_px: Array) -> Array:
-    """Cauchy loss of (..., k, 2) pixel distances, summed over keypoints; missing ones do not count."""
-    square = (away_px**2).sum(axis=-1) / (_SCALE_SIGMA * sigma_px) ** 2
-    return np.asarray(np.nansum(np.log1p(square), axis=-1))
+    """(..., k) Cauchy loss of (..., k, 2) pixel distances."""
+    return np.asarray(np.log1p((away_px**2).sum(axis=-1) / (_SCALE_SIGMA * sigma_px) ** 2))
 
 
 def _twist(xyz: Array, skeleton: Skeleton) -> Array:
