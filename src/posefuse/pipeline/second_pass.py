@@ -117,7 +117,7 @@ def _fused_with_sides_corrected(views: PartsOfViews, rig: Rig, fusing: FuseSetti
     fused = _fused_over_time(views, rig, fusing)
     exchanged = [np.zeros(1, bool)] * len(parts_of_steps(len(fused)))
     for _ in range(_NAMING_ROUNDS):
-        again = _fused_again(fused, _steadied_points(fused, smoothing), exchanged, views, rig, fusing)
+        again = _fused_again(fused, *_steadied_points(fused, smoothing), exchanged, views, rig, fusing)
         if again is None:
             break
         fused = again
@@ -127,6 +127,7 @@ def _fused_with_sides_corrected(views: PartsOfViews, rig: Rig, fusing: FuseSetti
 def _fused_again(
     fused: PoseSequence,
     reference: Array,
+    sigma_m: Array,
     exchanged: list[Array],
     views: PartsOfViews,
     rig: Rig,
@@ -136,7 +137,7 @@ def _fused_again(
     written = None
     for place, part in enumerate(parts_of_steps(len(fused))):
         seen = views.part(part)
-        wrong = sides_that_differ(reference[part], rig, seen)
+        wrong = sides_that_differ(reference[part], rig, seen, sigma_m[part])
         differing = np.flatnonzero((wrong != exchanged[place]).any(axis=(1, 2, 3)))
         exchanged[place] = wrong
         if not len(differing):
@@ -150,10 +151,11 @@ def _fused_again(
     return written.sequence() if written else None
 
 
-def _steadied_points(fused: PoseSequence, smoothing: SmoothSettings) -> Array:
+def _steadied_points(fused: PoseSequence, smoothing: SmoothSettings) -> tuple[Array, Array]:
+    """Points (T, N, K, 3), and (T, N, K) how well they are known: in a gap of a fast arm they may be far off."""
     xyz, cov = steady_sides(fused, facing_votes(fused))
     smooth_in_place(fused.t_ns, fused.skeleton, xyz, cov, smoothing)
-    return xyz
+    return xyz, np.sqrt(np.trace(cov, axis1=-2, axis2=-1) / 3)
 
 
 # The last step of a solve: one skeleton of constant segment lengths per person, fitted to what all views saw.

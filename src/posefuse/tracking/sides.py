@@ -25,9 +25,9 @@ _FACING_CLUES = 2
 _LEAST_TWIST = 0.2
 # a view is held to no less than this, so that an overconfident one is not exchanged for a few pixels
 _LEAST_SIGMA_PX = 2.0
-# Cauchy loss that exchanging a limb in a view must save; its scale in standard deviations; and by how many of them both limbs may
-# then miss the reference: a view that sees one arm and takes it for both gives no reason to exchange the arms of another view
-_LEAST_GAIN, _SCALE_SIGMA, _MOST_SIGMA = 2.0, 2.0, 5.0
+# Cauchy loss that exchanging a limb in a view must save, and its scale in standard deviations; and how much nearer to the reference
+# both sides together must be then: a view that sees one arm and takes it for both gives no reason to exchange another view's arms
+_LEAST_GAIN, _SCALE_SIGMA, _NEARER = 2.0, 2.0, 0.8
 # time steps whose views are judged at once: intermediate arrays are several times as large as the views
 _PART_STEPS = 1000
 
@@ -60,7 +60,7 @@ def steady_sides(sequence: PoseSequence, facing: Array) -> tuple[Array, Array]:
 
 
 def sides_like(reference: PoseSequence, rig: Rig, views: ViewSequence) -> ViewSequence:
-    """The views with left and right of a limb exchanged wherever that view then fits the reference, and better than before.
+    """The views with left and right of a limb exchanged wherever that view then fits the reference better.
 
     The reference is the same recording steadied over time, so a view is judged by what came before and after as well as by
     the other views.
@@ -75,21 +75,36 @@ def parts_of_steps(steps: int) -> list[slice]:
     return [slice(start, start + _PART_STEPS) for start in range(0, max(steps, 1), _PART_STEPS)]
 
 
-def sides_that_differ(xyz_world: Array, rig: Rig, views: ViewSequence) -> Array:
-    """(T, N, C, L) which of the skeleton's L pairs of limbs a view has exchanged, by points (T, N, K, 3); see `sides_like`."""
+def sides_that_differ(xyz_world: Array, rig: Rig, views: ViewSequence, sigma_m: Array | None = None) -> Array:
+    """(T, N, C, L) which of the skeleton's L pairs of limbs a view has exchanged, by points (T, N, K, 3); see `sides_like`.
+
+    sigma_m: (T, N, K) how well the points are known, where that is less than what a view states.
+    """
     expected = np.stack([camera.project(xyz_world) for camera in rig], axis=2)
-    sigma, wrong = np.fmax(views.sigma_px, _LEAST_SIGMA_PX), np.zeros((*views.score.shape[:3], len(views.skeleton.limbs)), bool)
-    most = np.log1p((_MOST_SIGMA / _SCALE_SIGMA) ** 2)
+    sigma_px, wrong = (
+        np.fmax(views.sigma_px, _LEAST_SIGMA_PX),
+        np.zeros((*views.score.shape[:3], len(views.skeleton.limbs)), bool),
+    )
+    known_px = np.zeros(sigma_px.shape) if sigma_m is None else _in_images(rig, xyz_world, sigma_m)
     for limb, (left, right) in enumerate(views.skeleton.limbs):
-        saved, fits = np.zeros(wrong.shape[:-1]), np.ones(wrong.shape[:-1], bool)
-        for seen, other in ((left, right), (right, left)):
-            kept, exchanged = (
-                _loss(views.xy_img[..., seen, :] - expected[..., named, :], sigma[..., seen]) for named in (seen, other)
-            )
-            saved += np.nansum(kept - exchanged, axis=-1)
-            fits &= np.nansum(exchanged - most, axis=-1) <= 0
-        wrong[..., limb] = fits & (saved > _LEAST_GAIN)
+        # the same for both sides: otherwise what is known least would fit best
+        doubt_px = np.fmax(known_px[..., left], known_px[..., right])
+        saved, own, other = (np.zeros(wrong.shape[:-1]) for _ in range(3))
+        for seen, mirrored in ((left, right), (right, left)):
+            off = np.stack([views.xy_img[..., seen, :] - expected[..., named, :] for named in (seen, mirrored)])
+            away = np.linalg.norm(off, axis=-1) / np.hypot(sigma_px[..., seen], doubt_px)
+            loss = np.log1p((away / _SCALE_SIGMA) ** 2)
+            saved += np.nansum(loss[0] - loss[1], axis=-1)
+            # only where both are known
+            own, other = own + np.nansum(away[0] + 0 * away[1], axis=-1), other + np.nansum(away[1] + 0 * away[0], axis=-1)
+        wrong[..., limb] = (saved > _LEAST_GAIN) & (other < _NEARER * own)
     return wrong
+
+
+def _in_images(rig: Rig, xyz_world: Array, sigma_m: Array) -> Array:
+    """(T, N, C, K) pixels that so many metres at the points are."""
+    depth_m = np.linalg.norm(xyz_world[:, :, None] - rig.centres_world()[:, None], axis=-1)
+    return np.asarray(np.array([camera.K[0, 0] for camera in rig])[:, None] * sigma_m[:, :, None] / depth_m)
 
 
 def with_sides_exchanged(views: ViewSequence, wrong: Array) -> ViewSequence:
@@ -103,11 +118,6 @@ def with_sides_exchanged(views: ViewSequence, wrong: Array) -> ViewSequence:
     give_away(*planes.values())
     changed: dict[str, Any] = dict(planes)
     return replace(views, **changed)
-
-
-def _loss(away_px: Array, sigma_px: Array) -> Array:
-    """(..., k) Cauchy loss of (..., k, 2) pixel distances."""
-    return np.asarray(np.log1p((away_px**2).sum(axis=-1) / (_SCALE_SIGMA * sigma_px) ** 2))
 
 
 def _twist(xyz: Array, skeleton: Skeleton) -> Array:
