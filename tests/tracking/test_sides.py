@@ -102,8 +102,8 @@ def test_views_are_named_as_the_reference_has_them(ring_rig) -> None:
 
 
 def test_a_view_is_no_exchanged_one_where_only_one_of_its_limbs_fits_better(ring_rig) -> None:
-    """Two of four cameras see one arm only and name both after it. With the left arm taken to be there, too, the raised one of the
-    other two fits neither side: which of the two it misses by less is chance, and no reason to name its right arm left."""
+    """Two of four cameras see one arm only and name both after it. With the left arm taken to be there, too, the raised one of
+    the other two fits neither side: which of the two it misses by less is chance, and no reason to name its right arm left."""
     rig, rng = ring_rig(4), np.random.default_rng(3)
     true = np.tile(standing(), (T, 1, 1, 1))
     true[..., LEFT_ARM[1:], :] = true[..., LEFT_ARM[:1], :] + [[0.1, 0.25, 0.1], [0.1, 0.3, 0.4]]

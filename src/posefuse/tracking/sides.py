@@ -25,8 +25,8 @@ _FACING_CLUES = 2
 _LEAST_TWIST = 0.2
 # a view is held to no less than this, so that an overconfident one is not exchanged for a few pixels
 _LEAST_SIGMA_PX = 2.0
-# Cauchy loss that exchanging a limb in a view must save, and its scale in standard deviations; and how much nearer to the reference
-# both sides together must be then: a view that sees one arm and takes it for both gives no reason to exchange another view's arms
+# Cauchy loss that exchanging a limb in a view must save, its scale in standard deviations, and the share of their distance to the
+# reference that both sides may keep: a view that takes one arm for both gives no reason to exchange the arms of another view
 _LEAST_GAIN, _SCALE_SIGMA, _NEARER = 2.0, 2.0, 0.8
 # time steps whose views are judged at once: intermediate arrays are several times as large as the views
 _PART_STEPS = 1000
@@ -81,24 +81,29 @@ def sides_that_differ(xyz_world: Array, rig: Rig, views: ViewSequence, sigma_m: 
     sigma_m: (T, N, K) how well the points are known, where that is less than what a view states.
     """
     expected = np.stack([camera.project(xyz_world) for camera in rig], axis=2)
-    sigma_px, wrong = (
-        np.fmax(views.sigma_px, _LEAST_SIGMA_PX),
-        np.zeros((*views.score.shape[:3], len(views.skeleton.limbs)), bool),
-    )
+    wrong = np.zeros((*views.score.shape[:3], len(views.skeleton.limbs)), bool)
+    sigma_px = np.fmax(views.sigma_px, _LEAST_SIGMA_PX)
     known_px = np.zeros(sigma_px.shape) if sigma_m is None else _in_images(rig, xyz_world, sigma_m)
     for limb, (left, right) in enumerate(views.skeleton.limbs):
         # the same for both sides: otherwise what is known least would fit best
         doubt_px = np.fmax(known_px[..., left], known_px[..., right])
-        saved, own, other = (np.zeros(wrong.shape[:-1]) for _ in range(3))
-        for seen, mirrored in ((left, right), (right, left)):
-            off = np.stack([views.xy_img[..., seen, :] - expected[..., named, :] for named in (seen, mirrored)])
-            away = np.linalg.norm(off, axis=-1) / np.hypot(sigma_px[..., seen], doubt_px)
-            loss = np.log1p((away / _SCALE_SIGMA) ** 2)
-            saved += np.nansum(loss[0] - loss[1], axis=-1)
-            # only where both are known
-            own, other = own + np.nansum(away[0] + 0 * away[1], axis=-1), other + np.nansum(away[1] + 0 * away[0], axis=-1)
-        wrong[..., limb] = (saved > _LEAST_GAIN) & (other < _NEARER * own)
+        saved, nearer = np.zeros(wrong.shape[:-1]), np.zeros(wrong.shape[:-1])
+        for seen, other in ((left, right), (right, left)):
+            kept, exchanged = (
+                np.linalg.norm(views.xy_img[..., seen, :] - expected[..., named, :], axis=-1)
+                / np.hypot(sigma_px[..., seen], doubt_px)
+                for named in (seen, other)
+            )
+            # missing ones do not count
+            saved += np.nansum(_loss(kept) - _loss(exchanged), axis=-1)
+            nearer += np.nansum(_NEARER * kept - exchanged, axis=-1)
+        wrong[..., limb] = (saved > _LEAST_GAIN) & (nearer > 0)
     return wrong
+
+
+def _loss(sigmas: Array) -> Array:
+    """Cauchy loss of distances in standard deviations."""
+    return np.log1p((sigmas / _SCALE_SIGMA) ** 2)
 
 
 def _in_images(rig: Rig, xyz_world: Array, sigma_m: Array) -> Array:
