@@ -108,8 +108,8 @@ class Recording(core.Recording):
 
     @property
     def t_s(self) -> Array:
-        """(T,) seconds since the first time step."""
-        return (self.poses.t_ns - self.poses.t_ns[:1]) * 1e-9
+        """(T,) session seconds, as in files and in `Exclusion`."""
+        return self.poses.t_ns * 1e-9
 
     def keypoint(self, name: str) -> Array:
         """(T, N, 3) metres in the world frame; raises InputError for a name that the skeleton does not have."""

@@ -135,12 +135,12 @@ class Comparison:
         """The alignment and the distances, for people."""
         turn = np.degrees(np.arccos(np.clip((np.trace(self.alignment.rotation) - 1) / 2, -1, 1)))
         facts = {
-            "offset in time": f"{1000 * self.alignment.offset_s:.1f} ms",
+            "offset in time": f"{1000 * self.alignment.offset_s:z.1f} ms",
             "turned by": f"{turn:.2f} deg",
             "moved by": f"{np.linalg.norm(self.alignment.shift_m):.3f} m",
             "scale": f"{self.alignment.scale:.4f}",
             "mean distance": f"{self.errors.mpjpe_mm:.1f} mm over {len(self.points)} points",
-            "drift": f"{self.drift_mm_per_m:.1f} mm per m over {self.walked_m[-1]:.1f} m walked",
+            "drift": f"{self.drift_mm_per_m:z.1f} mm per m over {self.walked_m[-1]:.1f} m walked",
         }
         rows = [
             [point.replace("_", " "), *list(row.values())[:-1], f"{row['found']:.0%}"]

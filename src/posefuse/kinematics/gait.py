@@ -51,7 +51,7 @@ class Gait:
     """Events and measures of one person's walk.
 
     Attributes:
-        strike_s, off_s: by side, times of foot strikes and foot offs in seconds from the first time step.
+        strike_s, off_s: by side, times of foot strikes and foot offs in session seconds.
         step_length_m: by side of the leading foot, along the direction of walking, heel to heel at its strike.
         step_width_m: across it.
         stride_length_m, stride_time_s: strike to strike of the same foot.
@@ -75,12 +75,12 @@ class Gait:
 
 def gait_from_poses(sequence: PoseSequence, person: int = 0) -> Gait | None:
     """Events and measures of the person at this place of axis N; None if they do not walk (two strikes of each foot)."""
-    t_s = (sequence.t_ns - sequence.t_ns[:1]) * 1e-9
-    if len(t_s) < 8 or t_s[-1] < 1.0:
+    t_s = sequence.t_ns * 1e-9
+    if len(t_s) < 8 or np.ptp(t_s) < 1.0:
         return None
     points = {name: _bridged(xyz) for name, xyz in landmarks(sequence.xyz_world[:, person], sequence.skeleton).items()}
     hips = (points["left_hip"] + points["right_hip"]) / 2
-    rate_hz = (len(t_s) - 1) / t_s[-1]
+    rate_hz = (len(t_s) - 1) / float(np.ptp(t_s))
     velocity, ahead = _walking(hips, t_s, rate_hz)
     moving = np.linalg.norm(velocity[:, :2], axis=-1) > _SLOWEST_M_S
     if not moving.any():

@@ -141,8 +141,8 @@ def inverse_kinematics(
 
     `held` names coordinates that stay near their default: what the keypoints do not determine.
     """
-    t_s = (sequence.t_ns - sequence.t_ns[0]) * 1e-9
-    rate_hz = (len(t_s) - 1) / t_s[-1] if len(t_s) > 1 else 1.0
+    t_s = sequence.t_ns * 1e-9
+    rate_hz = (len(t_s) - 1) / float(np.ptp(t_s)) if len(t_s) > 1 else 1.0
     xyz = sequence.xyz_world[:, person, [sequence.skeleton.index(name) for name in names]]
     trc = motion.with_suffix(".trc")
     write_trc(trc, TrcData(names=tuple(names), t_s=t_s, xyz_world=xyz, rate_hz=rate_hz))

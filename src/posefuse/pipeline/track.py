@@ -187,8 +187,7 @@ _NOISE_TIME_STEPS = 1000
 def recorded_noise_scale(observations: Observations, rig: Rig, fusing: FuseSettings) -> float | None:
     """Of the limb joints of a recording, see `health.noise_scale`; None where too little is seen."""
     every = max(1, len(observations.step_t_ns) // _NOISE_TIME_STEPS)
-    some = observations.only(observations.frame_step % every == 0)
-    some = dataclasses.replace(some, step_t_ns=some.step_t_ns[::every], frame_step=some.frame_step // every)
+    some = observations.part(slice(None, None, every))
     views, limbs = views_over_time(some, people_in(some)[0].tolist()), limb_keypoints(some.skeleton.keypoints)
     seen = views.xy_img[..., limbs, :], views.score[..., limbs], views.sigma_px[..., limbs]
     return noise_scale(disagreement(rig, *seen, fusing))
