@@ -86,7 +86,7 @@ class Recording(core.Recording):
             f"Recording of {self.duration_s:.2f} s, {len(poses)} time steps ({self.rate_hz:.1f} per second)\n"
             f"  people (ids): {people}; {len(poses.skeleton)} keypoints ({poses.skeleton.name}), {seen:.0%} present\n"
             f"  cameras: {', '.join(rig.names)} (rig {rig.id})\n"
-            f"  observations: {len(self.observations)} detections in {len(self.observations.frame_t_ns)} frames\n"
+            f"  observations: {len(self.observations)} detections in {self.observations.image_count} images\n"
             f"  made by posefuse {self.provenance.get('posefuse', '?')} from {self.provenance.get('session', '?')}"
         )
 

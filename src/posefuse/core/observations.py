@@ -142,9 +142,14 @@ class Observations:
 
     def __repr__(self) -> str:
         return (
-            f"Observations({len(self)} detections in {len(self.frame_t_ns)} frames of {len(self.camera_names)} cameras, "
+            f"Observations({len(self)} detections in {self.image_count} images of {len(self.camera_names)} cameras, "
             f"{self.skeleton.name}, {len(self.step_t_ns)} time steps)"
         )
+
+    @cached_property
+    def image_count(self) -> int:
+        """How many images were looked at, each once."""
+        return sum(map(len, camera_times(self).values()))
 
     @cached_property
     def frame_begin(self) -> Array:
