@@ -254,7 +254,7 @@ def _body(osim: Any, model: Any, name: str, share: float) -> Any:
 
 
 def _add_root(osim: Any, model: Any, pelvis: Any) -> None:
-    turns = (("pelvis_rotation", _Y), ("pelvis_list", _X), ("pelvis_tilt", _Z))
+    turns = (("pelvis_tilt", _Z), ("pelvis_list", _X), ("pelvis_rotation", _Y))
     moves = (("pelvis_tx", _X), ("pelvis_ty", _Y), ("pelvis_tz", _Z))
     joint = osim.CustomJoint(
         "ground_pelvis", model.getGround(), osim.Vec3(0), osim.Vec3(0), pelvis, osim.Vec3(0), osim.Vec3(0),
