@@ -92,6 +92,12 @@ def test_a_part_is_that_part_and_can_be_solved_again(recording: Recording) -> No
         solve_again(recording, changed_config(CONFIG, {"start_s": 7.0}))
 
 
+def test_how_well_the_cameras_fit_is_of_the_new_solve(recording: Recording) -> None:
+    tracked = dataclasses.replace(recording, provenance={**recording.provenance, "camera_fits": {}})
+    fits = solve_again(tracked, edits=Edits(exclusions=(BLOCKED,))).provenance["camera_fits"]
+    assert fits["cam02"]["left_out"] == pytest.approx(inside(recording).mean(), abs=0.1) and fits["cam00"]["left_out"] == 0
+
+
 @pytest.mark.parametrize("change", [{"rate_hz": 60.0}, {"cameras.cam02.offset_s": 0.1}, {"keypoints": "body_25b"}])
 def test_settings_that_the_detections_were_made_with_are_refused(recording: Recording, change: dict[str, object]) -> None:
     (name,) = change

@@ -20,6 +20,7 @@ from posefuse.core.view_sequences import ViewsInParts
 from posefuse.formats.joint_centres import joint_centres_from_mapping
 from posefuse.foundation.parsing import plain
 from posefuse.foundation.settings import settings_from_mapping
+from posefuse.health.recorded import CameraFit, checked_rig
 
 from .config import TrackConfig
 from .edits import NO_EDITS, Edits, check_edits, only_person, used_frames
@@ -29,6 +30,7 @@ from .time_steps import common_timeline, stored_steps
 
 # in the provenance of a recording whose extrinsics were refined from its people
 REFINED = "refined_rig"
+CAMERA_FITS = "camera_fits"
 # settings that stored observations cannot follow
 _OBSERVED = ("rig", "input", "cameras", "keypoints", "detector")
 
@@ -153,7 +155,16 @@ def solve_again(recording: Recording, config: TrackConfig | None = None, edits: 
         line = common_timeline({"all": t_ns}, None, chosen.start_s, chosen.end_s)
         first = int(np.searchsorted(t_ns, line.start_ns - line.period_ns // 2))
         observations = observations.part(slice(first, first + line.count))
-    return with_refined_rig(solve(observations, recording.rig, about))
+    solved = with_refined_rig(solve(observations, recording.rig, about))
+    if CAMERA_FITS not in about:
+        return solved
+    return dataclasses.replace(solved, provenance={**solved.provenance, CAMERA_FITS: fits_of(checked_rig(solved, solved.rig)[0])})
+
+
+def fits_of(cameras: Mapping[str, CameraFit]) -> dict[str, Any]:
+    """How well each camera fits, for the provenance."""
+    fits: dict[str, Any] = plain({name: dataclasses.asdict(one) for name, one in cameras.items()})
+    return fits
 
 
 def _check_observed(before: TrackConfig, now: TrackConfig, names: Sequence[str]) -> None:

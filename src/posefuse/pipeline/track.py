@@ -52,7 +52,7 @@ from .following import FollowedLog, PeopleFollower
 from .opening import Opened, open_session
 from .result_folder import DetectionStore, ResultFolder
 from .session import LEAST_CAMERAS, Session
-from .solve import REFINED, solve_followed, with_refined_rig
+from .solve import CAMERA_FITS, REFINED, fits_of, solve_followed, with_refined_rig
 from .time_steps import stored_steps
 from .writing import build_sinks, estimated_result_bytes, warn_of_failures, write_result
 
@@ -163,8 +163,7 @@ def _tracked(
     lines = [finding_line(one, session.folder) for one in findings]
     for line in lines:
         _warn(line)
-    fits = {name: dataclasses.asdict(one) for name, one in cameras.items()}
-    about = {**recording.provenance, "camera_fits": plain(fits), "rig_warnings": [*moved, *lines]}
+    about = {**recording.provenance, CAMERA_FITS: fits_of(cameras), "rig_warnings": [*moved, *lines]}
     return Tracked(recording=dataclasses.replace(recording, provenance=about), interrupted=interrupted, clock=clock)
 
 
