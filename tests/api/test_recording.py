@@ -54,7 +54,7 @@ def test_the_table_has_a_row_per_time_step_person_and_keypoint(make_recording: M
     assert len(table) == 5 * 2 * 33
     row = table[(table.person == 3) & (table.keypoint == "nose")].iloc[4]
     np.testing.assert_array_equal([row.x_m, row.y_m, row.z_m], recording.keypoint("nose")[4, 1])
-    assert row.time_s == pytest.approx(4 * 0.033333333)
+    assert row.time_s == recording.t_s[4] == pytest.approx(5 + 4 * 0.033333333)
     assert row.sigma_m == pytest.approx(np.sqrt((1e-4 + 4e-4 + 9e-4) / 3))
 
 

@@ -170,3 +170,4 @@ def test_a_clock_that_is_right_is_not_stated_with_a_negative_zero() -> None:
         ["+0.0 ± 0.0", "+0.00 ± 0.00"], ["+0.0 ± 0.0", "+0.00 ± 0.00"], ["-12.0 ± 0.0", "-0.36 ± 0.00"],
     ]  # fmt: skip
     assert column_texts([-0.0001, 12.3]) == ["0.0", "12.3"]
+    assert column_texts([5.1e-16, 0.0]) == ["0.0", "0.0"]

@@ -1,5 +1,6 @@
 """The report page: whole in itself, truthful about gaps, harmless text, clear errors; its figures are those of the recording."""
 
+import csv
 from dataclasses import replace
 from itertools import pairwise
 
@@ -13,6 +14,7 @@ from posefuse.core import SKELETONS, InputError
 from posefuse.evaluation.biomechanics import BiomechanicsSettings, write_biomechanics
 from posefuse.evaluation.gait_cycles import PERCENT, gait_cycles, write_gait_cycles
 from posefuse.evaluation.report import RANGES, SOURCES, keypoint_quality, parameter_blocks, time_plots, write_report
+from posefuse.formats.mot import read_mot
 from posefuse.formats.page import MISSING
 from posefuse.kinematics import JOINTS, joints_from_poses
 from posefuse.kinematics.gait import Spread, gait_from_poses
@@ -137,6 +139,29 @@ def test_foot_strikes_and_foot_offs_are_events_of_the_c3d(tmp_path, ring_rig):
             written = [t_s for t_s, kind in zip(seconds, kinds, strict=True) if kind == (side.title(), label)]
             np.testing.assert_allclose(written, times[side], atol=1e-5)
     assert np.all(np.diff(seconds) >= 0) and groups["SUBJECTS"]["NAMES"]["value"] == ["person 0"]
+
+
+def test_every_file_has_the_time_of_the_session(read_page, tmp_path, ring_rig):
+    """Also of a recording that begins later: what is read off one file is found at that time in the others."""
+    xyz, t_ns = walker()
+    recording = recording_of(ring_rig, xyz, t_ns + 2_000_000_000)
+    write_biomechanics(recording, tmp_path, BiomechanicsSettings(fit="none"))
+    angles, cycles = (read_rows(tmp_path / name) for name in ("angles.csv", "gait_cycles.csv"))
+    knee, motion = next(row for row in cycles if row["joint"] == "left_knee"), read_mot(tmp_path / "angles.mot")
+    assert float(angles[0]["t_s"]) == motion.t_s[0] == 2
+    begin = [abs(float(row["t_s"]) - float(knee["begin_s"])) < 1e-4 for row in angles].index(True)
+    found_deg = [float(knee["deg_at_0"]), float(angles[begin]["left_knee.flexion_deg"]), motion.column("knee_angle_l")[begin]]
+    np.testing.assert_allclose(found_deg, found_deg[0], atol=6e-4)
+    data = read_page(tmp_path / "report.html").data
+    plots = [one["x"] for plot in data["plots"] if plot["x"] == "s" for one in plot["series"]]
+    assert data["players"][0]["t"][0] == min(map(min, plots)) == 2
+    file = ezc3d.c3d(str(tmp_path / "points_angles.c3d"))["parameters"]
+    assert file["EVENT"]["TIMES"]["value"][1].min() < 1 and file["POSEFUSE"]["START_NS"]["value"][0].startswith("2000000000")
+
+
+def read_rows(path):
+    with path.open(encoding="utf-8", newline="") as file:
+        return list(csv.DictReader(file))
 
 
 def test_the_mean_cycle_is_the_mean_of_the_strides(read_page, tmp_path, ring_rig):

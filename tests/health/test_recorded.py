@@ -47,6 +47,15 @@ def test_a_good_recording_has_no_findings_and_a_moved_camera_one(walk: Walk) -> 
     assert 7 < found[0].t_ns / 1e9 < 12
 
 
+def test_a_slower_camera_shows_the_person_in_all_of_its_images(walk: Walk) -> None:
+    rig, t_s, xyz, xy = walk
+    made = recording_of(rig, xyz, xy, t_s)
+    log = made.observations
+    # every second of the time steps that are looked at has no image of it
+    slow = replace(made, observations=log.only((log.frame_camera != 3) | (log.frame_step % 4 != 0)))
+    assert [one.seen for one in checked_rig(slow, rig)[0].values()] == [1, 1, 1, 1]
+
+
 def test_a_long_recording_is_looked_at_without_a_copy_of_it(walk: Walk) -> None:
     rig, _, xyz, xy = walk
     long = recording_of(rig, np.repeat(xyz, 30, axis=0), np.repeat(xy, 30, axis=0), np.arange(30 * len(xyz)) / 600)

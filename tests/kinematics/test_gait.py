@@ -68,6 +68,19 @@ def test_ankles_stand_in_for_feet_and_gaps_are_bridged():
     assert gait_from_poses(stepping(gap=slice(200, 206))).stride_time_s.mean == pytest.approx(STRIDE_S, abs=0.02)
 
 
+@pytest.mark.parametrize("gap", [slice(250, 350), slice(180, 240)])
+def test_no_step_is_measured_across_a_time_out_of_sight(gap):
+    gait, whole = gait_from_poses(stepping(gap=gap)), gait_from_poses(stepping())
+    away_s = (gap.start / 100, gap.stop / 100)
+    for side in ("left", "right"):
+        assert not any(away_s[0] < t_s < away_s[1] for t_s in (*gait.strike_s[side], *gait.off_s[side]))
+        assert gait.stance_share[side].mean == pytest.approx(whole.stance_share[side].mean, abs=0.02)
+    assert gait.cadence_per_min == pytest.approx(120 / STRIDE_S, rel=0.02)
+    assert gait.speed_m_s == pytest.approx(SPEED_M_S, rel=0.01)
+    assert gait.stride_time_s.mean == pytest.approx(STRIDE_S, abs=0.02) and gait.stride_time_s.sd < 0.02
+    assert gait.stride_length_m.mean == pytest.approx(SPEED_M_S * STRIDE_S, rel=0.01)
+
+
 def test_the_simulated_walk_round_a_circle_is_measured_as_set():
     from posefuse.formats.truth import read_truth
 

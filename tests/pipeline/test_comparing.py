@@ -18,6 +18,7 @@ from posefuse.core.observations import observations_from_frames
 from posefuse.core.skeleton import ANATOMICAL23
 from posefuse.evaluation.tracks import looped
 from posefuse.formats.truth import write_loop, write_truth
+from posefuse.outputs.tables import CsvSink
 from posefuse.pipeline.reports import compared
 from posefuse.realtime.config import LiveConfig
 from posefuse.realtime.session import notes_of
@@ -144,3 +145,18 @@ def test_recordings_of_one_calibration_are_not_turned_onto_each_other(ring_rig: 
     moved = replace(b, rig=b.rig.moved(SE3.from_rotvec([0.0, 0.0, 0.1], [0.0, 0.0, 0.0])))
     assert "one calibration" in compared((Path("a"), a), (Path("b"), b), None).notes[0]
     assert not compared((Path("a"), a), (Path("b"), moved), None).notes
+
+
+def test_of_several_people_the_same_one_is_compared_whatever_their_order(tmp_path: Path, ring_rig: Callable[..., Rig]) -> None:
+    walk = to_and_fro(ring_rig(3), 0.0, 30.0, np.zeros(3))
+    both = np.stack([walk.poses.xyz_world[:, 0], walk.poses.xyz_world[:, 0, ::-1] + [0.0, 0.9, 0.0]], axis=1)
+    # one leaves early, and in the other recording it is the other one
+    late, which = (np.arange(len(both)) > 150)[:, None, None, None], np.arange(2)[:, None, None]
+    gone = [np.where(late & (which == n), np.nan, both) for n in (0, 1)]
+    a, b = (replace(walk, poses=built.poses(xyz, skeleton=ANATOMICAL23, t_ns=walk.poses.t_ns, ids=(4, 7))) for xyz in gone)
+    b = replace(b, poses=replace(b.poses.people(np.array([1, 0])), person_id=np.array([4, 7])))
+    found = compared((Path("a"), a), (Path("b"), b), None)
+    assert (found.a.name, found.b.name) == ("a, person 7", "b, person 4") and found.errors.mpjpe_mm < 1e-6
+    CsvSink().build().write(a, tmp_path)
+    found = compared((Path("a"), a), tmp_path / "pose.csv", None)
+    assert found.errors.mpjpe_mm < 0.01

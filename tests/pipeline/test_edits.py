@@ -13,7 +13,7 @@ from commands import error
 
 from posefuse.api.recording import recording_of
 from posefuse.cli.main import main
-from posefuse.core import ConfigError, DetectionBatch, InputError, LookKind, Observations, Recording, Rig
+from posefuse.core import ConfigError, DetectionBatch, InputError, LookKind, Observations, Recording, Rig, SourceError
 from posefuse.core.observations import NOT_KEPT
 from posefuse.core.skeleton import COCO17
 from posefuse.formats.recording import read_recording, write_recording
@@ -80,6 +80,29 @@ def test_without_edits_every_bit_stays(recording: Recording) -> None:
     assert_same_poses(again, recording)
     assert again.provenance == recording.provenance
     np.testing.assert_array_equal(again.observations.person_id, recording.observations.person_id)
+
+
+def test_a_part_is_that_part_and_can_be_solved_again(recording: Recording) -> None:
+    part = solve_again(recording, changed_config(CONFIG, {"start_s": 0.3, "end_s": 1.0}))
+    # 0.3 s is 3 ns after its time step, which is the nearest one all the same
+    np.testing.assert_array_equal(part.poses.t_ns, recording.poses.t_ns[9:31])
+    assert error_mm(part, np.ones(22, np.bool_)) < 2 * error_mm(recording, np.arange(T) < T)
+    assert_same_poses(solve_again(part), part)
+    with pytest.raises(SourceError, match=r"nothing recorded from 7\.0 to None s; the recording runs from 0\.000 to 1\.467"):
+        solve_again(recording, changed_config(CONFIG, {"start_s": 7.0}))
+
+
+def test_how_well_the_cameras_fit_is_of_the_new_solve(recording: Recording) -> None:
+    tracked = dataclasses.replace(recording, provenance={**recording.provenance, "camera_fits": {}})
+    fits = solve_again(tracked, edits=Edits(exclusions=(BLOCKED,))).provenance["camera_fits"]
+    assert fits["cam02"]["left_out"] == pytest.approx(inside(recording).mean(), abs=0.1) and fits["cam00"]["left_out"] == 0
+
+
+@pytest.mark.parametrize("change", [{"rate_hz": 60.0}, {"cameras.cam02.offset_s": 0.1}, {"keypoints": "body_25b"}])
+def test_settings_that_the_detections_were_made_with_are_refused(recording: Recording, change: dict[str, object]) -> None:
+    (name,) = change
+    line = f"{name.split('.')[0]}: the detections were made with another value; for this one, track the session again"
+    refusal(ConfigError, line, solve_again, recording, changed_config(CONFIG, change))
 
 
 @pytest.mark.parametrize(

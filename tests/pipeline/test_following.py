@@ -187,6 +187,9 @@ def test_the_timeline_is_in_phase_with_the_fastest_camera_and_covers_all() -> No
     assert abs(last_ns - max(slow[-1], fast[-1])) <= line.period_ns // 2
     part = common_timeline({"slow": slow, "fast": fast}, 10.0, 0.3, 0.5)
     assert [part.t_ns(i) for i in range(part.count)] == [300_000_000, 400_000_000, 500_000_000]
+    # periods are whole nanoseconds: after 60 of them 2 s are 20 ns away
+    thirds = np.round(np.arange(100) * 1e9 / 30).astype(np.int64)
+    assert common_timeline({"cam": thirds}, None, 2.0, None).start_ns == 60 * 33_333_333
     with pytest.raises(SourceError, match=r"from 5\.0 to 6\.0 s; the recording runs from 0\.003"):
         common_timeline({"slow": slow, "fast": fast}, None, 5.0, 6.0)
 

@@ -1,3 +1,5 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from built import recording_from_views
@@ -206,6 +208,11 @@ def test_the_sink_writes_what_a_live_session_publishes(tmp_path, ring_rig, some_
     back = [p for p, _ in bags.read_poses(path)]
     np.testing.assert_array_equal(back[2].xyz_world, poses.xyz_world[2])
     assert bags.read_rig(path).id == recording.rig.id
+    # cameras with clock offsets: the first of them began before the session's zero
+    poses = replace(poses, t_ns=poses.t_ns - 1_400_000_000)
+    early = recording_from_views(ring_rig(c), poses, xy, score, np.where(score > 0, 2.0, np.nan))
+    (path,) = McapSink().build().write(early, tmp_path)
+    assert [p.t_ns for p, _ in bags.read_poses(path)] == [0, 1_000_000_000, 2_000_000_000, 3_000_000_000]
 
 
 def test_a_topic_that_was_latched_is_offered_latched_again(tmp_path):

@@ -60,6 +60,7 @@ def _tracked_figures(out: Path | None, tracked: Tracked, errors: JointErrors | N
     figures: dict[str, Any] = {
         "cameras": len(recording.rig),
         "time_steps": time_steps,
+        "images": recording.observations.image_count,
         "people": len(recording.poses.person_id),
         "seconds": clock.total_s,
         "start_up_s": start_up_s,
@@ -68,7 +69,7 @@ def _tracked_figures(out: Path | None, tracked: Tracked, errors: JointErrors | N
             name: 1000 * seconds / time_steps for name, seconds in clock.seconds.items() if name not in _START_UP
         },
         "stage_share": {name: seconds / clock.total_s for name, seconds in clock.seconds.items()},
-        "detect_ms_per_image": 1000 * clock.seconds.get("detect", 0.0) / (time_steps * len(recording.rig)),
+        "detect_ms_per_image": 1000 * clock.seconds.get("detect", 0.0) / recording.observations.image_count,
         "camera_fits": recording.provenance["camera_fits"],
         "rig_warnings": recording.provenance["rig_warnings"],
         "interrupted": tracked.interrupted,
@@ -89,7 +90,7 @@ def _tracked_figures(out: Path | None, tracked: Tracked, errors: JointErrors | N
 def _tracked_summary(figures: Mapping[str, Any], errors: JointErrors | None) -> tuple[Block, ...]:
     facts = {
         "cameras": figures["cameras"],
-        "frames": f"{figures['time_steps']} time steps, {figures['time_steps'] * figures['cameras']} images",
+        "frames": f"{figures['time_steps']} time steps, {figures['images']} images",
         "people": figures["people"],
         **({"network": figures["network"]} if "network" in figures else {}),
     }
@@ -117,7 +118,7 @@ def solved_outcome(
     """Of a recording that was solved again with `excluded` stretches left out."""
     figures = {
         "cameras": len(recording.rig),
-        "frames": len(earlier.observations.frame_t_ns),
+        "images": earlier.observations.image_count,
         "time_steps": len(recording.poses),
         "people": len(recording.poses.person_id),
         "exclusions": excluded,
@@ -128,7 +129,7 @@ def solved_outcome(
         "exit_code": int(bool(failed)),
     }
     facts = {
-        "from": f"{figures['frames']} frames of {figures['cameras']} cameras",
+        "from": f"{figures['images']} images of {figures['cameras']} cameras",
         "time steps": str(figures["time_steps"]),
         "people": str(figures["people"]),
         **_written(figures),

@@ -86,7 +86,7 @@ class Recording(core.Recording):
             f"Recording of {self.duration_s:.2f} s, {len(poses)} time steps ({self.rate_hz:.1f} per second)\n"
             f"  people (ids): {people}; {len(poses.skeleton)} keypoints ({poses.skeleton.name}), {seen:.0%} present\n"
             f"  cameras: {', '.join(rig.names)} (rig {rig.id})\n"
-            f"  observations: {len(self.observations)} detections in {len(self.observations.frame_t_ns)} frames\n"
+            f"  observations: {len(self.observations)} detections in {self.observations.image_count} images\n"
             f"  made by posefuse {self.provenance.get('posefuse', '?')} from {self.provenance.get('session', '?')}"
         )
 
@@ -108,8 +108,8 @@ class Recording(core.Recording):
 
     @property
     def t_s(self) -> Array:
-        """(T,) seconds since the first time step."""
-        return (self.poses.t_ns - self.poses.t_ns[:1]) * 1e-9
+        """(T,) session seconds, as in files and in `Exclusion`."""
+        return self.poses.t_ns * 1e-9
 
     def keypoint(self, name: str) -> Array:
         """(T, N, 3) metres in the world frame; raises InputError for a name that the skeleton does not have."""

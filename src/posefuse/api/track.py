@@ -178,7 +178,7 @@ def solve(
         replace: move an earlier result in `out` to ``NAME.replaced-TIME``.
         view: open the result in the Rerun viewer at the end (extra ``viewer``).
         config: settings file, on top of the settings of the result.
-        settings: settings by dotted key, on top of both. Of a live recording, ``start_s`` and ``end_s`` select a part.
+        settings: settings by dotted key, on top of both; ``start_s`` and ``end_s`` select a part.
         progress: True for bars on stderr, or a function (see `Progress`).
 
     Raises:
@@ -200,8 +200,6 @@ def solve(
     from posefuse.pipeline.writing import build_sinks, nearby_session, warn_of_failures, write_result
 
     path, place, changes = Path(result), Path(out), dict(settings or {})
-    if about := [key for key in ("rig", "input") if key in changes]:
-        raise InputError(f"{about[0]}: is for sessions of videos, {path} is a recording of detections")
     if view:
         check_viewer()
     began_s, inputs = time.perf_counter(), files_of_result(path)

@@ -19,7 +19,7 @@ class AngleSeries:
 
     Attributes:
         name: joint and angle, e.g. ``left_knee flexion``.
-        t_s: (T,) seconds since the first time step.
+        t_s: (T,) session seconds.
         rad, sigma_rad: (T,) the angle and its standard deviation; NaN where undefined.
     """
 
@@ -124,8 +124,8 @@ class JointAngles:
         if angle not in self.angle_names[j]:
             raise InputError(f"joint angles: {joint} has no angle {angle!r}; it has: {choices(self.angle_names[j])}")
         a = self.angle_names[j].index(angle)
-        t_s = (self.t_ns - self.t_ns[:1]) * 1e-9
-        return AngleSeries(name=f"{joint} {angle}", t_s=t_s, rad=self.angle_rad[:, 0, j, a], sigma_rad=self.sigma_rad[:, 0, j, a])
+        rad, sigma_rad = self.angle_rad[:, 0, j, a], self.sigma_rad[:, 0, j, a]
+        return AngleSeries(name=f"{joint} {angle}", t_s=self.t_ns * 1e-9, rad=rad, sigma_rad=sigma_rad)
 
     def _opensim(self, name: str) -> AngleSeries:
         if name not in OPENSIM:

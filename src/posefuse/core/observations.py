@@ -142,9 +142,14 @@ class Observations:
 
     def __repr__(self) -> str:
         return (
-            f"Observations({len(self)} detections in {len(self.frame_t_ns)} frames of {len(self.camera_names)} cameras, "
+            f"Observations({len(self)} detections in {self.image_count} images of {len(self.camera_names)} cameras, "
             f"{self.skeleton.name}, {len(self.step_t_ns)} time steps)"
         )
+
+    @cached_property
+    def image_count(self) -> int:
+        """How many images were looked at, each once."""
+        return sum(map(len, camera_times(self).values()))
 
     @cached_property
     def frame_begin(self) -> Array:
@@ -181,6 +186,16 @@ class Observations:
         rows = frames[self.detection_frame]
         of_frames = taken(self, [name for name, axes in _AXES.items() if axes == "F"], frames)
         return replace(self, person_id=self.person_id[rows], **of_frames, **self.rows(rows))
+
+    def part(self, steps: slice) -> Observations:
+        """The log of these time steps alone, counted from 0 again; frames that belong to none are left out."""
+        t_ns = self.step_t_ns[steps]
+        # the last one is that of frames without a time step
+        number = np.full(len(self.step_t_ns) + 1, LIVE_STEP)
+        number[:-1][steps] = np.arange(len(t_ns))
+        step = number[self.frame_step]
+        kept = step != LIVE_STEP
+        return replace(self.only(kept), step_t_ns=t_ns, frame_step=step[kept])
 
     def with_person_ids(self, person_id: Array) -> Observations:
         """The same detections with other people (R,)."""

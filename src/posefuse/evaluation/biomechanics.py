@@ -179,16 +179,19 @@ def _c3d_data(poses: PoseSequence, joints: JointAngles, n: int, name: str) -> C3
         rate_hz=(len(poses) - 1) / span_s if span_s > 0 else 1.0,
         angle_names=labels,
         angle_rad=angles,
+        about={"START_NS": str(poses.t_ns[0])},
         subject=name,
-        events=_events(gait_from_poses(poses, n)),
+        events=_events(gait_from_poses(poses, n), float(poses.t_ns[0]) * 1e-9),
     )
 
 
-def _events(gait: Gait | None) -> tuple[C3dEvent, ...]:
+def _events(gait: Gait | None, begin_s: float) -> tuple[C3dEvent, ...]:
     if gait is None:
         return ()
-    found = [C3dEvent(float(t_s), side, "strike") for side in SIDES for t_s in gait.strike_s[side]]
-    return tuple(sorted(found + [C3dEvent(float(t_s), side, "off") for side in SIDES for t_s in gait.off_s[side]]))
+    kinds = {"strike": gait.strike_s, "off": gait.off_s}
+    return tuple(
+        sorted(C3dEvent(float(t_s) - begin_s, side, kind) for kind, at in kinds.items() for side in SIDES for t_s in at[side])
+    )
 
 
 def _c3d_angles(joints: JointAngles, n: int) -> tuple[tuple[str, ...], Array]:

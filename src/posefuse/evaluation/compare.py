@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -60,6 +60,10 @@ class Tracks:
             for axis in range(3):
                 out[near, k, axis] = np.interp(t_s[near], times, xyz[:, axis])
         return out
+
+    def at_times(self, t_s: Array) -> Tracks:
+        """The tracks at other times, see `at`."""
+        return replace(self, t_s=t_s, xyz_m=self.at(t_s))
 
     def only(self, points: Sequence[str]) -> Tracks:
         """The given points, in that order."""
@@ -135,12 +139,12 @@ class Comparison:
         """The alignment and the distances, for people."""
         turn = np.degrees(np.arccos(np.clip((np.trace(self.alignment.rotation) - 1) / 2, -1, 1)))
         facts = {
-            "offset in time": f"{1000 * self.alignment.offset_s:.1f} ms",
+            "offset in time": f"{1000 * self.alignment.offset_s:z.1f} ms",
             "turned by": f"{turn:.2f} deg",
             "moved by": f"{np.linalg.norm(self.alignment.shift_m):.3f} m",
             "scale": f"{self.alignment.scale:.4f}",
             "mean distance": f"{self.errors.mpjpe_mm:.1f} mm over {len(self.points)} points",
-            "drift": f"{self.drift_mm_per_m:.1f} mm per m over {self.walked_m[-1]:.1f} m walked",
+            "drift": f"{self.drift_mm_per_m:z.1f} mm per m over {self.walked_m[-1]:.1f} m walked",
         }
         rows = [
             [point.replace("_", " "), *list(row.values())[:-1], f"{row['found']:.0%}"]
@@ -149,7 +153,8 @@ class Comparison:
         return [
             *map(Note, self.notes),
             *(Note(one.warning, warning=True) for one in (self.a, self.b) if one.warning),
-            Heading("Alignment", f"{self.b.name} is aligned to {self.a.name}."),
+            Note(f"{self.b.name} is aligned to {self.a.name}"),
+            Heading("Alignment"),
             Facts(facts),
             Heading("Distances, mm"),
             Table(["point", "mean", "sd", "median", "p95", "share compared"], rows),

@@ -30,7 +30,7 @@ class CycleAngles:
 
     Attributes:
         joint, angle: names as in `JointAngles`. side: of the foot whose strikes bound the cycles.
-        begin_s, end_s: (M,) seconds from the first time step. angle_rad: (M, 101), every percent of each cycle.
+        begin_s, end_s: (M,) session seconds. angle_rad: (M, 101), every percent of each cycle.
     """
 
     joint: str
@@ -68,7 +68,7 @@ def gait_cycles(joints: JointAngles, person: int, gait: Gait) -> list[CycleAngle
     shorter or longer than the median, and those in which less than 90 % of the angle is known; gaps are bridged linearly.
     The rotation of the pelvis, which the world's axes define, is taken relative to the mean heading of the stride.
     """
-    t_s = (joints.t_ns - joints.t_ns[:1]) * 1e-9
+    t_s = joints.t_ns * 1e-9
     spans = _cycles(gait)
     found = []
     for q, joint in enumerate(joints.joints):

@@ -73,7 +73,7 @@ class KeypointQuality:
 def keypoint_quality(recording: Recording, person: int) -> list[KeypointQuality]:
     """Quality of every keypoint of the person at this place of axis N."""
     poses = recording.poses
-    t_s = (poses.t_ns - poses.t_ns[:1]) * 1e-9
+    t_s = poses.t_ns * 1e-9
     rows = []
     for k, name in enumerate(poses.skeleton.keypoints):
         kind, views = poses.kind[:, person, k], poses.n_views[:, person, k]
@@ -224,7 +224,7 @@ def _player(recording: Recording) -> Player:
         side_of(names[a]) if side_of(names[a]) == side_of(names[b]) else "mid" for a, b in poses.skeleton.bone_indices
     ]
     return Player(
-        (poses.t_ns - poses.t_ns[:1]) * 1e-9,
+        poses.t_ns * 1e-9,
         poses.xyz_world,
         bones=poses.skeleton.bone_indices,
         sides=sides,
@@ -339,7 +339,7 @@ def rank_of(joint: str) -> int:
 
 def time_plots(joints: JointAngles, person: int, gait: Gait | None, band_sigmas: float) -> list[Plot]:
     """One plot per angle, left and right together, with bands of the stated uncertainty."""
-    t_s = (joints.t_ns - joints.t_ns[:1]) * 1e-9
+    t_s = joints.t_ns * 1e-9
     strikes = [Ticks(f"{side} foot strike", times, colour=side) for side, times in (gait.strike_s if gait else {}).items()]
     plots = []
     for title, members in _grouped(joints).items():

@@ -79,8 +79,8 @@ def named_tracks(path: Path, names: tuple[str, ...], t_s: Array, xyz_m: Array) -
     return Tracks(path.name, tuple(points), t_s, xyz_m)
 
 
-def tracks_of(poses: PoseSequence, path: Path, person: int | None = None) -> Tracks:
-    """The keypoints of one person (default: the one seen longest); `path` names the recording.
+def tracks_of(poses: PoseSequence, path: Path, person: int | None = None, near: Tracks | None = None) -> Tracks:
+    """The keypoints of one person (default: the one nearest to `near`, else the one seen longest); `path` names the recording.
 
     Raises:
         InputError: no such person, or no keypoint at any time.
@@ -92,8 +92,16 @@ def tracks_of(poses: PoseSequence, path: Path, person: int | None = None) -> Tra
         raise InputError(
             f"{path}: no person was found in this recording; was any in view, and did the computer process enough of the images?"
         )
-    n = int(np.argmax(seen)) if person is None else int(np.flatnonzero(poses.person_id == person)[0])
-    return named_tracks(path, poses.skeleton.keypoints, poses.t_ns / 1e9, poses.xyz_world[:, n])
+    several = seen.sum() > seen.max()
+    people = {
+        n: named_tracks(path, poses.skeleton.keypoints, poses.t_ns / 1e9, poses.xyz_world[:, n])
+        for n in (np.flatnonzero(seen) if person is None else np.flatnonzero(poses.person_id == person)).tolist()
+    }
+    n = max(people, key=lambda place: seen[place])
+    if near is not None and len(people) > 1:
+        apart_m = {place: _apart_m(one.at_times(near.t_s), near) for place, one in people.items()}
+        n = min(people, key=lambda place: (apart_m[place] if np.isfinite(apart_m[place]) else np.inf, place != n))
+    return replace(people[n], name=f"{path.name}, person {poses.person_id[n]}") if several else people[n]
 
 
 _TRUTH = Path("truth") / "truth.npz"
@@ -118,7 +126,7 @@ def truth_tracks(path: Path, recorded: Tracks) -> Tracks:
     people = [
         named_tracks(path, truth.skeleton.keypoints, truth.t_ns / 1e9, truth.xyz_world[:, n]) for n in range(len(truth.person_id))
     ]
-    there = [replace(person, t_s=recorded.t_s, xyz_m=person.at(t_s)) for person in people]
+    there = [replace(person.at_times(t_s), t_s=recorded.t_s) for person in people]
     apart_m = [_apart_m(person, recorded) for person in there]
     if not np.isfinite(apart_m).any():
         raise InputError(

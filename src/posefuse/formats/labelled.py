@@ -72,7 +72,7 @@ def recording_to_xarray(recording: Recording, angles: JointAngles | None = None)
 
 def _time_and_person(t_ns: Array, person_id: Array) -> dict[str, Any]:
     return {
-        "time": ("time", (t_ns - t_ns[:1]) * 1e-9, {"units": "s", "long_name": "time since the first time step"}),
+        "time": ("time", t_ns * 1e-9, {"units": "s", "long_name": "session seconds"}),
         "t_ns": ("time", t_ns, {"units": "ns", "long_name": "session clock, mid-exposure"}),
         "person": person_id,
     }
@@ -99,7 +99,7 @@ def angles_to_dataframe(angles: JointAngles) -> DataFrame:
     each = [(joint, name) for joint, names in zip(angles.joints, angles.angle_names, strict=True) for name in names]
     table: DataFrame = package_of_extra("pandas", "data").DataFrame(
         {
-            "time_s": np.repeat((angles.t_ns - angles.t_ns[:1]) * 1e-9, n * len(each)),
+            "time_s": np.repeat(angles.t_ns * 1e-9, n * len(each)),
             "person": np.tile(np.repeat(angles.person_id, len(each)), t),
             "joint": [joint for joint, _ in each] * (t * n),
             "angle": [name for _, name in each] * (t * n),
@@ -121,7 +121,7 @@ def recording_to_dataframe(recording: Recording) -> DataFrame:
     xyz = poses.xyz_world.reshape(-1, 3)
     return pd.DataFrame(
         {
-            "time_s": np.repeat((poses.t_ns - poses.t_ns[:1]) * 1e-9, n * k),
+            "time_s": np.repeat(poses.t_ns * 1e-9, n * k),
             "person": np.tile(np.repeat(poses.person_id, k), t),
             "keypoint": pd.Categorical(np.tile(np.array(poses.skeleton.keypoints), t * n), categories=poses.skeleton.keypoints),
             "x_m": xyz[:, 0],

@@ -62,17 +62,20 @@ class PersonMotion(NamedTuple):
 
 
 def motion_from_joints(joints: JointAngles, person: int = 0, name: str = "posefuse") -> PersonMotion:
-    """One person's angles as coordinates of OpenSim's full-body models, in degrees; time from the first time step.
+    """One person's angles as coordinates of OpenSim's full-body models, in degrees; session seconds.
 
     Names and signs are those of `OPENSIM`; an angle without one is ``joint_angle``. ``pelvis_tx``, ``_ty``, ``_tz`` (metres),
     ``_tilt``, ``_list`` and ``_rotation`` place the pelvis among the points of ``pose.trc``.
 
-    OpenSim's readers end at the first unknown value. Rows are the longest time in which the person is never gone for more than
-    0.5 s; a column is bridged in straight lines, or left out where it is unknown for longer than that at a time.
+    OpenSim's readers end at the first unknown value. Rows are the longest time in which the person (half of what is ever known)
+    is never gone for more than 0.5 s; a column is bridged in straight lines, or left out where it is unknown for longer at a
+    time.
     """
     columns = _coordinates(joints, person)
-    t_s = (joints.t_ns - joints.t_ns[:1]) * 1e-9
-    rows = _longest_presence(t_s, np.isfinite(np.stack(list(columns.values()))).any(axis=0))
+    t_s = joints.t_ns * 1e-9
+    known = np.isfinite(np.stack(list(columns.values())))
+    # the whole-body fit carries a pelvis on for a while, and nothing else
+    rows = _longest_presence(t_s, known.sum(axis=0) > known.any(axis=1).sum() / 2)
     whole, t_s = len(rows) == len(t_s), t_s[rows]
     kept: dict[str, Array] = {}
     bridged, left_out = 0, []
@@ -134,7 +137,7 @@ def write_mot(path: Path, motion: MotTable) -> None:
         motion.name.replace("\n", " "), "version=1", f"nRows={len(motion.t_s)}", f"nColumns={len(motion.columns) + 1}",
         f"inDegrees={'yes' if motion.in_degrees else 'no'}", "endheader", "\t".join(("time", *motion.columns)),
     ]  # fmt: skip
-    rows = ("\t".join(f"{number:.10g}" for number in (t, *row)) for t, row in zip(motion.t_s, motion.values, strict=True))
+    rows = ("\t".join((f"{t:.9f}", *(f"{x:.10g}" for x in row))) for t, row in zip(motion.t_s, motion.values, strict=True))
     write_lines(path, itertools.chain(header, rows))
 
 

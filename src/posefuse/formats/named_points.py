@@ -53,7 +53,7 @@ def read_points_csv(path: Path, person: int | None = None) -> NamedPoints:
 
     Args:
         path: the file.
-        person: of a long table; None takes the first.
+        person: of a long table; None takes the one seen longest.
 
     Raises:
         InputError: it cannot be read, lacks columns, holds something other than numbers, or has no such person.
@@ -116,7 +116,10 @@ def _long(table: _Table, person: int | None) -> NamedPoints:
     if not len(people) or (person is not None and person not in people):
         there = choices(f"{one:g}" for one in people)
         raise InputError(f"{table.path}: no person {'' if person is None else person}; there are: {there}")
-    mine = np.flatnonzero(ids == (people[0] if person is None else person))
+    if person is None:
+        known = np.isfinite(table.numbers("x_m"))
+        person = max(people.tolist(), key=lambda one: int((known & (ids == one)).sum()))
+    mine = np.flatnonzero(ids == person)
     keypoints = [table.text("keypoint")[i] for i in mine]
     times, place_t = np.unique(table.numbers("t_s")[mine], return_inverse=True)
     names = list(dict.fromkeys(keypoints))

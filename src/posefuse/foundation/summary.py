@@ -11,6 +11,8 @@ from typing import Any, ClassVar, Literal, Protocol
 from posefuse.core import InputError
 
 MISSING = "–"
+# what is smaller is a rounding error
+_MOST_DIGITS = 9
 Tone = Literal["", "left", "right", "mid", "good", "bad"]
 
 
@@ -102,7 +104,7 @@ def column_texts(values: Sequence[Any]) -> list[str]:
     """Floats with one number of digits after the point: three significant ones of the largest, but no needless zeros."""
     known = [float(value) for value in values if _is_float(value) and math.isfinite(value)]
     largest = max(map(abs, known), default=0.0)
-    digits = max(1, 2 - math.floor(math.log10(largest))) if largest else 1
+    digits = min(max(1, 2 - math.floor(math.log10(largest))), _MOST_DIGITS) if largest else 1
     while digits > 1 and all(f"{value:.{digits}f}".endswith("0") for value in known):
         digits -= 1
     return [_text(value, digits) for value in values]

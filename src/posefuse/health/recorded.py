@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -30,7 +30,7 @@ class CameraFit:
     """How well one camera fits the person that all cameras saw.
 
     Attributes:
-        seen: share of the time steps in which its image has the person. left_out: share of these that the result does not use,
+        seen: share of its images that have the person. left_out: share of these that the result does not use,
             because the detection is not where the other cameras see the person.
         reproj_px: median distance of all its detections of the person, those left out too, from the reprojected result; NaN where
             there is none. sigmas: the same in units of the stated standard deviation of a coordinate.
@@ -52,9 +52,7 @@ def checked_rig(recording: Recording, rig: Rig) -> tuple[dict[str, CameraFit], l
     person, poses, log = np.arange(len(seen)) == seen.argmax(), recording.poses, recording.observations
     period_s = float(np.median(np.diff(poses.t_ns))) / 1e9 if len(poses) > 1 else _EVERY_S
     step = max(1, round(_EVERY_S / period_s))
-    poses = poses.part(slice(None, None, step)).people(person)
-    log = log.only(log.frame_step % step == 0)
-    log = replace(log, step_t_ns=log.step_t_ns[::step], frame_step=log.frame_step // step)
+    poses, log = poses.part(slice(None, None, step)).people(person), log.part(slice(None, None, step))
     views = _views_of_person(log, poses, recording.rig)
     fits = _fits(log, poses, recording.rig, views)
     return fits, _findings(views, rig, fits)
@@ -81,7 +79,8 @@ def _unfit(bad: Mapping[str, CameraFit], t_ns: int) -> RigFinding:
 
 
 def _fits(log: Observations, poses: PoseSequence, rig: Rig, views: ViewSequence) -> dict[str, CameraFit]:
-    kept = np.zeros((len(rig), len(poses)), bool)
+    images, kept = np.zeros((2, len(rig), len(poses)), bool)
+    images[log.frame_camera, log.frame_step] = True
     frame = log.detection_frame[log.person_id == poses.person_id[0]]
     kept[log.frame_camera[frame], log.frame_step[frame]] = True
     seen, limbs = np.asarray((views.score[:, 0] > 0).any(axis=2).T), limb_keypoints(views.skeleton.keypoints)
@@ -89,7 +88,7 @@ def _fits(log: Observations, poses: PoseSequence, rig: Rig, views: ViewSequence)
     for c, camera in enumerate(rig):
         off_px = np.linalg.norm(camera.project(poses.xyz_world[:, 0]) - views.xy_img[:, 0, c], axis=-1)[:, limbs]
         fits[camera.name] = CameraFit(
-            seen=float(seen[c].mean()),
+            seen=float(seen[c].sum() / max(images[c].sum(), 1)),
             left_out=float((seen & ~kept)[c].sum() / max(seen[c].sum(), 1)),
             reproj_px=known_median(off_px),
             sigmas=known_median(off_px / views.sigma_px[:, 0, c][:, limbs]),

@@ -59,7 +59,7 @@ def animation_from_joints(sequence: PoseSequence, joints: JointAngles, person: i
     names = ["pelvis"] + [name for name in PARENT if np.isfinite(world.xyz[:, person, index[name], 0]).any()]
     names = [name for name in names if _rooted(name, names)]
     ends = [n for n in names if n in _ENDS and n not in {PARENT.get(m) for m in names}]
-    t_s, seen_s = _seconds(joints.t_ns), _seen_s(joints, person)
+    t_s, seen_s = joints.t_ns * 1e-9, _seen_s(joints, person)
 
     def filled(name: str) -> tuple[Array, Array]:
         frame = world[:, person, index[name]]
@@ -119,7 +119,7 @@ def animation_gap(joints: JointAngles, person: int = 0) -> str | None:
     uneven = _uneven(joints.t_ns)
     if uneven:
         return uneven
-    frames, t_s, seen_s = joints.world_from_segment[:, person], _seconds(joints.t_ns), _seen_s(joints, person)
+    frames, t_s, seen_s = joints.world_from_segment[:, person], joints.t_ns * 1e-9, _seen_s(joints, person)
     for s, name in enumerate(joints.segments):
         known = np.isfinite(frames.xyz[:, s, 0])
         problem = _gap(name, t_s[known], seen_s) if known.any() or name == "pelvis" else None
@@ -128,14 +128,10 @@ def animation_gap(joints: JointAngles, person: int = 0) -> str | None:
     return None
 
 
-def _seconds(t_ns: Array) -> Array:
-    return np.asarray((t_ns - t_ns[:1]) * 1e-9)
-
-
 def _seen_s(joints: JointAngles, person: int) -> tuple[float, float] | None:
-    """When the pelvis is seen first and last, s from the first time step on; None: never."""
+    """When the pelvis is seen first and last, session seconds; None: never."""
     known = np.isfinite(joints.world_from_segment.xyz[:, person, joints.segments.index("pelvis"), 0])
-    t_s = _seconds(joints.t_ns)[known]
+    t_s = joints.t_ns[known] * 1e-9
     return (float(t_s[0]), float(t_s[-1])) if len(t_s) else None
 
 

@@ -28,6 +28,7 @@ _STEP_APART_S = 0.45
 _SWING_M = 0.12
 _RESTING = 0.3
 _LANDING_S = 0.12
+_LONGEST_BRIDGE_S = 0.5
 
 
 @dataclass(frozen=True)
@@ -51,7 +52,7 @@ class Gait:
     """Events and measures of one person's walk.
 
     Attributes:
-        strike_s, off_s: by side, times of foot strikes and foot offs in seconds from the first time step.
+        strike_s, off_s: by side, times of foot strikes and foot offs in session seconds.
         step_length_m: by side of the leading foot, along the direction of walking, heel to heel at its strike.
         step_width_m: across it.
         stride_length_m, stride_time_s: strike to strike of the same foot.
@@ -73,14 +74,64 @@ class Gait:
     speed_m_s: float
 
 
+@dataclass(frozen=True, eq=False, kw_only=True)
+class _Walk:
+    """What is measured of a time without a gap: events, each step, stride and stance, and the time from first to last strike."""
+
+    strike_s: dict[str, Array]
+    off_s: dict[str, Array]
+    length_m: dict[str, list[float]]
+    width_m: list[float]
+    stride_m: list[float]
+    stride_s: list[float]
+    stance: dict[str, list[float]]
+    double_support: list[float]
+    steps: int
+    lasts_s: float
+    speed_m_s: Array
+
+
 def gait_from_poses(sequence: PoseSequence, person: int = 0) -> Gait | None:
-    """Events and measures of the person at this place of axis N; None if they do not walk (two strikes of each foot)."""
-    t_s = (sequence.t_ns - sequence.t_ns[:1]) * 1e-9
-    if len(t_s) < 8 or t_s[-1] < 1.0:
+    """Events and measures of the person at this place of axis N; None if they do not walk (two strikes of each foot).
+
+    No step is measured across a time in which the person, or a foot, is out of sight for more than half a second.
+    """
+    t_s = sequence.t_ns * 1e-9
+    points = landmarks(sequence.xyz_world[:, person], sequence.skeleton)
+    known = {name: np.isfinite(xyz[:, 0]) for name, xyz in points.items()}
+    feet = [known[f"{side}_heel"] | known[f"{side}_ankle"] for side in SIDES]
+    there = np.flatnonzero(np.all([known["left_hip"], known["right_hip"], *feet], axis=0))
+    pieces = np.split(there, np.flatnonzero(np.diff(t_s[there]) > _LONGEST_BRIDGE_S) + 1)
+    walks = []
+    for piece in pieces:
+        part = slice(piece[0], piece[-1] + 1) if len(piece) else slice(0)
+        if (walk := _walk(t_s[part], {name: xyz[part] for name, xyz in points.items()})) is not None:
+            walks.append(walk)
+    return _gait(walks) if walks else None
+
+
+def _gait(walks: Sequence[_Walk]) -> Gait:
+    steps, lasts_s = sum(walk.steps for walk in walks), sum(walk.lasts_s for walk in walks)
+    return Gait(
+        strike_s={side: np.concatenate([walk.strike_s[side] for walk in walks]) for side in SIDES},
+        off_s={side: np.concatenate([walk.off_s[side] for walk in walks]) for side in SIDES},
+        step_length_m={side: Spread.of([one for walk in walks for one in walk.length_m[side]]) for side in SIDES},
+        step_width_m=Spread.of([one for walk in walks for one in walk.width_m]),
+        stride_length_m=Spread.of([one for walk in walks for one in walk.stride_m]),
+        stride_time_s=Spread.of([one for walk in walks for one in walk.stride_s]),
+        stance_share={side: Spread.of([one for walk in walks for one in walk.stance[side]]) for side in SIDES},
+        double_support_share=Spread.of([one for walk in walks for one in walk.double_support]),
+        cadence_per_min=60.0 * steps / lasts_s,
+        speed_m_s=float(np.concatenate([walk.speed_m_s for walk in walks]).mean()),
+    )
+
+
+def _walk(t_s: Array, seen: dict[str, Array]) -> _Walk | None:
+    if len(t_s) < 8 or np.ptp(t_s) < 1.0:
         return None
-    points = {name: _bridged(xyz) for name, xyz in landmarks(sequence.xyz_world[:, person], sequence.skeleton).items()}
+    points = {name: _bridged(xyz) for name, xyz in seen.items()}
     hips = (points["left_hip"] + points["right_hip"]) / 2
-    rate_hz = (len(t_s) - 1) / t_s[-1]
+    rate_hz = (len(t_s) - 1) / float(np.ptp(t_s))
     velocity, ahead = _walking(hips, t_s, rate_hz)
     moving = np.linalg.norm(velocity[:, :2], axis=-1) > _SLOWEST_M_S
     if not moving.any():
@@ -152,7 +203,7 @@ def _landed(tops: Array, heel: Array, ahead: Array, velocity: Array, t_s: Array,
 
 def _measured(
     t_s: Array, ahead: Array, pace: Array, strikes: dict[str, Array], offs: dict[str, Array], heels: dict[str, Array]
-) -> Gait:
+) -> _Walk:
     lengths: dict[str, list[float]] = {side: [] for side in SIDES}
     widths: list[float] = []
     events = sorted((int(i), side) for side in SIDES for i in strikes[side])
@@ -165,17 +216,18 @@ def _measured(
     strides = [(heels[s][a], heels[s][b], t_s[b] - t_s[a]) for s in SIDES for a, b in pairwise(strikes[s])]
     first, last = events[0][0], events[-1][0]
     path = pace[first : last + 1, :2]
-    return Gait(
+    return _Walk(
         strike_s={side: t_s[strikes[side]] for side in SIDES},
         off_s={side: t_s[offs[side]] for side in SIDES},
-        step_length_m={side: Spread.of(lengths[side]) for side in SIDES},
-        step_width_m=Spread.of(widths),
-        stride_length_m=Spread.of([float(np.linalg.norm((b - a)[:2])) for a, b, _ in strides]),
-        stride_time_s=Spread.of([float(time) for _, _, time in strides]),
-        stance_share={side: Spread.of(_stances(t_s[strikes[side]], t_s[offs[side]])) for side in SIDES},
-        double_support_share=Spread.of(_double_supports(t_s, strikes, offs)),
-        cadence_per_min=60.0 * (len(events) - 1) / float(t_s[last] - t_s[first]),
-        speed_m_s=float(np.linalg.norm(path, axis=-1).mean()),
+        length_m=lengths,
+        width_m=widths,
+        stride_m=[float(np.linalg.norm((b - a)[:2])) for a, b, _ in strides],
+        stride_s=[float(time) for _, _, time in strides],
+        stance={side: _stances(t_s[strikes[side]], t_s[offs[side]]) for side in SIDES},
+        double_support=_double_supports(t_s, strikes, offs),
+        steps=len(events) - 1,
+        lasts_s=float(t_s[last] - t_s[first]),
+        speed_m_s=np.linalg.norm(path, axis=-1),
     )
 
 

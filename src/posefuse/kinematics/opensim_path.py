@@ -141,8 +141,8 @@ def inverse_kinematics(
 
     `held` names coordinates that stay near their default: what the keypoints do not determine.
     """
-    t_s = (sequence.t_ns - sequence.t_ns[0]) * 1e-9
-    rate_hz = (len(t_s) - 1) / t_s[-1] if len(t_s) > 1 else 1.0
+    t_s = sequence.t_ns * 1e-9
+    rate_hz = (len(t_s) - 1) / float(np.ptp(t_s)) if len(t_s) > 1 else 1.0
     xyz = sequence.xyz_world[:, person, [sequence.skeleton.index(name) for name in names]]
     trc = motion.with_suffix(".trc")
     write_trc(trc, TrcData(names=tuple(names), t_s=t_s, xyz_world=xyz, rate_hz=rate_hz))
@@ -254,7 +254,7 @@ def _body(osim: Any, model: Any, name: str, share: float) -> Any:
 
 
 def _add_root(osim: Any, model: Any, pelvis: Any) -> None:
-    turns = (("pelvis_rotation", _Y), ("pelvis_list", _X), ("pelvis_tilt", _Z))
+    turns = (("pelvis_tilt", _Z), ("pelvis_list", _X), ("pelvis_rotation", _Y))
     moves = (("pelvis_tx", _X), ("pelvis_ty", _Y), ("pelvis_tz", _Z))
     joint = osim.CustomJoint(
         "ground_pelvis", model.getGround(), osim.Vec3(0), osim.Vec3(0), pelvis, osim.Vec3(0), osim.Vec3(0),

@@ -38,7 +38,7 @@ def plot_keypoint(
     drawn = list(axes) if axes is not None else _new_axes(3)
     if len(drawn) != 3:
         raise InputError(f"plot: expected 3 axes (x, y, z), got {len(drawn)}")
-    t_s = (poses.t_ns - poses.t_ns[:1]) * 1e-9
+    t_s = poses.t_ns * 1e-9
     sigma = np.sqrt(np.diagonal(poses.cov_world[:, n, k], axis1=-2, axis2=-1))
     for a, (name, one) in enumerate(zip(_AXIS_NAMES, drawn, strict=True)):
         _curve(one, t_s, poses.xyz_world[:, n, k, a], sigma[:, a], keypoint.replace("_", " "))

@@ -220,7 +220,7 @@ def _numbered(session: Session, folders: Sequence[Pose2DFrames], config: TrackCo
     period_ns = round(1e9 / rate_hz)
     first = min(folder.numbers[0] for folder in folders)
     last = max(folder.numbers[-1] for folder in folders)
-    skip = 0 if config.start_s is None else max(0, -(-round(config.start_s * 1e9) // period_ns))
+    skip = 0 if config.start_s is None else max(0, round(config.start_s * rate_hz))
     count = last - first + 1 if config.end_s is None else min(last - first, round(config.end_s * rate_hz)) + 1
     if count - skip < 1:
         raise InputError(

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from posefuse.core import PoseSequence, Progress, Recording, Rig, silent
+from posefuse.core import Progress, Recording, Rig, silent
 from posefuse.evaluation.biomechanics import BiomechanicsSettings, write_biomechanics
 from posefuse.evaluation.compare import Comparison, Tracks, compare
 from posefuse.evaluation.report import TITLE
@@ -76,15 +76,20 @@ def compared(
 
     Args:
         a, b: a path, or a recording with the path it is known by.
-        person: which of those that hold several. What is missing of a recording is a `UserWarning`.
+        person: which of those that hold several; None: of the first the one seen longest, of the second the one nearest to that
+            where both are of one calibration, else the one seen longest. What is missing of a recording is a `UserWarning`.
 
     Raises:
         InputError, SourceError: a file that cannot be read, or nothing in common.
     """
     exact = isinstance(a, Path) and is_simulated(a)
-    tracks_b, rig_b = _read(b, person, simulated=exact)
-    tracks_a, rig_a = (truth_tracks(a, tracks_b), None) if isinstance(a, Path) and exact else _read(a, person, simulated=False)
-    one_world = exact or (rig_a is not None and rig_b is not None and _share_a_world(rig_a, rig_b))
+    if isinstance(a, Path) and exact:
+        tracks_b, rig_b = _read(b, person, simulated=True)
+        tracks_a, rig_a = truth_tracks(a, tracks_b), None
+    else:
+        tracks_a, rig_a = _read(a, person)
+        tracks_b, rig_b = _read(b, person, (tracks_a, rig_a))
+    one_world = exact or _share_a_world(rig_a, rig_b)
     apart = not one_world or scale or start_s is not None
     found = compare(tracks_a, tracks_b, time=time and not exact, space=space and apart, scale=scale, start_s=start_s)
     notes = []
@@ -95,31 +100,31 @@ def compared(
     return replace(found, inputs=tuple(one for one in (a, b) if isinstance(one, Path)), notes=tuple(notes))
 
 
-def _share_a_world(one: Rig, two: Rig) -> bool:
+def _share_a_world(one: Rig | None, two: Rig | None) -> bool:
     """Cameras that both have are calibrated alike."""
+    if one is None or two is None:
+        return False
     names = [name for name in one.names if name in two.names]
     return bool(names) and one.only(names).id == two.only(names).id
 
 
-def _read(source: Source, person: int | None, *, simulated: bool) -> tuple[Tracks, Rig | None]:
+def _read(
+    source: Source, person: int | None, beside: tuple[Tracks, Rig | None] | None = None, *, simulated: bool = False
+) -> tuple[Tracks, Rig | None]:
     """Of a live session, at simulated times where it recorded them, or of any other file or result folder; with its cameras."""
-    if isinstance(source, tuple):
-        path, recording = source
-        return _tracks(recording.poses, recording.rig, path, person), recording.rig
-    if not (is_live(source) or source.is_dir()):
-        return read_tracks(source, person), None
-    if source.is_dir():
-        poses, rig, _ = read_result_poses(source)
-        return _tracks(poses, rig, source, person), rig
-    recording = read_result(source)
-    tracks = _tracks(recording.poses, recording.rig, source, person)
-    if simulated:
-        tracks = _at_simulated_times(tracks, source, int(recording.provenance["start_ns"]))
-    return tracks, recording.rig
-
-
-def _tracks(poses: PoseSequence, rig: Rig, path: Path, person: int | None) -> Tracks:
-    return replace(tracks_of(poses, path, person), warning=refusal_note(path, rig))
+    path, recording = source if isinstance(source, tuple) else (source, None)
+    if recording is None and not (is_live(path) or path.is_dir()):
+        return read_tracks(path, person), None
+    if recording is None and path.is_dir():
+        poses, rig, _ = read_result_poses(path)
+    else:
+        recording = recording or read_result(path)
+        poses, rig = recording.poses, recording.rig
+    near = beside[0] if beside is not None and _share_a_world(beside[1], rig) else None
+    tracks = replace(tracks_of(poses, path, person, near), warning=refusal_note(path, rig))
+    if simulated and recording is not None and not isinstance(source, tuple):
+        tracks = _at_simulated_times(tracks, path, int(recording.provenance["start_ns"]))
+    return tracks, rig
 
 
 def _at_simulated_times(tracks: Tracks, path: Path, start_ns: int) -> Tracks:

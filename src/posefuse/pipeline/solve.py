@@ -7,19 +7,20 @@ table), ``edits`` (`Edits`) and ``second_solve`` (whether these are the observat
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
 
 from posefuse.calibration.extrinsics.refine import refined_extrinsics
-from posefuse.core import InputError, JointCentres, Observations, Recording, Rig
+from posefuse.core import ConfigError, InputError, JointCentres, Observations, Recording, Rig
 from posefuse.core.arrays import Array
 from posefuse.core.observations import NOT_KEPT, camera_times, on_time_steps
 from posefuse.core.view_sequences import ViewsInParts
 from posefuse.formats.joint_centres import joint_centres_from_mapping
 from posefuse.foundation.parsing import plain
 from posefuse.foundation.settings import settings_from_mapping
+from posefuse.health.recorded import CameraFit, checked_rig
 
 from .config import TrackConfig
 from .edits import NO_EDITS, Edits, check_edits, only_person, used_frames
@@ -29,6 +30,9 @@ from .time_steps import common_timeline, stored_steps
 
 # in the provenance of a recording whose extrinsics were refined from its people
 REFINED = "refined_rig"
+CAMERA_FITS = "camera_fits"
+# settings that stored observations cannot follow
+_OBSERVED = ("rig", "input", "cameras", "keypoints", "detector")
 
 
 def solve(observations: Observations, rig: Rig, provenance: Mapping[str, Any]) -> Recording:
@@ -118,13 +122,14 @@ def solve_again(recording: Recording, config: TrackConfig | None = None, edits: 
     state another; the result has these time steps, so it can be solved again like any recording.
 
     Args:
-        config: of a live session its `rate_hz`, `start_s` and `end_s` are used, too.
+        config: of a live session its `rate_hz` is used, too.
         edits: what is left out, and which person is kept; None: those of the recording.
 
     Raises:
         InputError: the provenance does not have the settings (the recording was not made by posefuse), or edits that are about
             no camera or person of the recording; no frame, or no person could be followed.
-        SourceError: more time steps than a recording can have.
+        ConfigError: another value of a setting that the observations were made with.
+        SourceError: nothing recorded between `start_s` and `end_s`, or more time steps than a recording can have.
     """
     about, observations = {**recording.provenance}, recording.observations
     chosen = config or config_of(about)
@@ -132,17 +137,40 @@ def solve_again(recording: Recording, config: TrackConfig | None = None, edits: 
     check_edits(edits, recording)
     if edits.names:
         chosen = dataclasses.replace(chosen, names=edits.names)
+    live = recording.is_live or about.get("second_solve", False)
+    if "config" in about:
+        _check_observed(config_of(about), chosen, _OBSERVED if live else (*_OBSERVED, "rate_hz"))
     about["config"] = plain(dataclasses.asdict(chosen))
     for outdated in ("edits", "fitted_people"):
         about.pop(outdated, None)
     if edits != NO_EDITS:
         about["edits"] = plain(dataclasses.asdict(edits))
-    if recording.is_live:
+    if live:
         about["second_solve"] = True
         observations = _on_even_steps(observations, chosen)
         if edits.person is not None:
             observations = observations.with_person_ids(recording.observations.person_id)
-    return with_refined_rig(solve(observations, recording.rig, about))
+    elif (chosen.start_s, chosen.end_s) != (None, None):
+        t_ns = observations.step_t_ns
+        line = common_timeline({"all": t_ns}, None, chosen.start_s, chosen.end_s)
+        first = int(np.searchsorted(t_ns, line.start_ns - line.period_ns // 2))
+        observations = observations.part(slice(first, first + line.count))
+    solved = with_refined_rig(solve(observations, recording.rig, about))
+    if CAMERA_FITS not in about:
+        return solved
+    return dataclasses.replace(solved, provenance={**solved.provenance, CAMERA_FITS: fits_of(checked_rig(solved, solved.rig)[0])})
+
+
+def fits_of(cameras: Mapping[str, CameraFit]) -> dict[str, Any]:
+    """How well each camera fits, for the provenance."""
+    fits: dict[str, Any] = plain({name: dataclasses.asdict(one) for name, one in cameras.items()})
+    return fits
+
+
+def _check_observed(before: TrackConfig, now: TrackConfig, names: Sequence[str]) -> None:
+    for name in names:
+        if getattr(before, name) != getattr(now, name):
+            raise ConfigError(f"{name}: the detections were made with another value; for this one, track the session again")
 
 
 def _on_even_steps(observations: Observations, config: TrackConfig) -> Observations:

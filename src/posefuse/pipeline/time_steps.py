@@ -48,6 +48,8 @@ def common_timeline(
 ) -> Timeline:
     """Time steps at the fastest camera's rate (or `rate_hz`), in phase with it, over all that any camera recorded.
 
+    The first is the one nearest to `start_s`, the last the one nearest to `end_s`.
+
     Raises:
         SourceError: nothing recorded between start_s and end_s, or more time steps than a recording can have.
     """
@@ -60,7 +62,7 @@ def common_timeline(
     first_ns -= (first_ns - int(min(starts)) + period_ns // 2) // period_ns * period_ns
     last_ns = int(max(ends))
     if start_s is not None:
-        first_ns += max(0, -(-(round(start_s * 1e9) - first_ns) // period_ns)) * period_ns
+        first_ns += max(0, -(-(round(start_s * 1e9) - period_ns // 2 - first_ns) // period_ns)) * period_ns
     if end_s is not None:
         last_ns = min(last_ns, round(end_s * 1e9))
     count = (last_ns + period_ns // 2 - first_ns) // period_ns + 1

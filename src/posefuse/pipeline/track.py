@@ -52,7 +52,7 @@ from .following import FollowedLog, PeopleFollower
 from .opening import Opened, open_session
 from .result_folder import DetectionStore, ResultFolder
 from .session import LEAST_CAMERAS, Session
-from .solve import REFINED, solve_followed, with_refined_rig
+from .solve import CAMERA_FITS, REFINED, fits_of, solve_followed, with_refined_rig
 from .time_steps import stored_steps
 from .writing import build_sinks, estimated_result_bytes, warn_of_failures, write_result
 
@@ -163,8 +163,7 @@ def _tracked(
     lines = [finding_line(one, session.folder) for one in findings]
     for line in lines:
         _warn(line)
-    fits = {name: dataclasses.asdict(one) for name, one in cameras.items()}
-    about = {**recording.provenance, "camera_fits": plain(fits), "rig_warnings": [*moved, *lines]}
+    about = {**recording.provenance, CAMERA_FITS: fits_of(cameras), "rig_warnings": [*moved, *lines]}
     return Tracked(recording=dataclasses.replace(recording, provenance=about), interrupted=interrupted, clock=clock)
 
 
@@ -187,8 +186,7 @@ _NOISE_TIME_STEPS = 1000
 def recorded_noise_scale(observations: Observations, rig: Rig, fusing: FuseSettings) -> float | None:
     """Of the limb joints of a recording, see `health.noise_scale`; None where too little is seen."""
     every = max(1, len(observations.step_t_ns) // _NOISE_TIME_STEPS)
-    some = observations.only(observations.frame_step % every == 0)
-    some = dataclasses.replace(some, step_t_ns=some.step_t_ns[::every], frame_step=some.frame_step // every)
+    some = observations.part(slice(None, None, every))
     views, limbs = views_over_time(some, people_in(some)[0].tolist()), limb_keypoints(some.skeleton.keypoints)
     seen = views.xy_img[..., limbs, :], views.score[..., limbs], views.sigma_px[..., limbs]
     return noise_scale(disagreement(rig, *seen, fusing))

@@ -27,7 +27,7 @@ class McapSink:
 
     Attributes:
         epoch_offset_ns: Unix time at time 0 of the recording, added to every stamp; None: the start time stated in
-            the files, 0 where there is none.
+            the files; where there is none, 0, or what brings a recording that begins before time 0 there.
     """
 
     epoch_offset_ns: int | None = None
@@ -40,13 +40,14 @@ class McapSink:
 
     def write(self, recording: Recording, folder: Path) -> list[Path]:
         """Write ``pose.mcap``; returns the file made."""
-        path = folder / "pose.mcap"
+        path, begin_ns, offset_ns = folder / "pose.mcap", int(recording.poses.t_ns[0]), self.epoch_offset_ns
+        if offset_ns is None:
+            offset_ns = max(recorded_ns(recording.provenance), -begin_ns)
         with atomic_file(path) as staged:
             staged.unlink(missing_ok=True)
             with Recorder(staged) as recorder:
-                offset_ns = self.epoch_offset_ns if self.epoch_offset_ns is not None else recorded_ns(recording.provenance)
                 output = RosOutput(recorder, recording.rig, epoch_offset_ns=offset_ns)
-                output.start(int(recording.poses.t_ns[0]))
+                output.start(begin_ns)
                 for i in range(len(recording.poses)):
                     for view in _views(recording, i, offset_ns):
                         recorder.publish(topics.DETECTIONS, message_from_detections(view, {}), view.t_ns)

@@ -41,8 +41,7 @@ def angles_and_strikes(path: Path) -> tuple[JointAngles | None, Sequence[Mapping
     Strikes are by side, session seconds; none of a person who does not walk.
     """
     recording = pf.read(path)
-    begin_s = float(recording.poses.t_ns[0]) / 1e9 if len(recording.poses.t_ns) else 0.0
-    strikes = [{side: begin_s + times for side, times in gait.strike_s.items()} if gait else {} for gait in recording.gait()]
+    strikes = [gait.strike_s if gait else {} for gait in recording.gait()]
     try:
         return recording.joint_angles(fit="none"), strikes
     except InputError:

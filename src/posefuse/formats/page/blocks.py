@@ -150,9 +150,8 @@ def player_content(player: Player) -> dict[str, Any]:
     """A player as the page's script reads it: one array per person, keypoint and axis."""
     kept = player.kept
     xyz = np.asarray(player.xyz_m[kept], float)
-    t_s = np.asarray(player.t_s, float)[kept]
     return {
-        "t": with_decimals(t_s - t_s[:1], _DECIMALS),
+        "t": with_decimals(np.asarray(player.t_s, float)[kept], _DECIMALS),
         "people": [
             {"name": name, "xyz": [[with_decimals(xyz[:, n, k, i], _DECIMALS) for i in range(3)] for k in range(xyz.shape[2])]}
             for n, name in enumerate(player.people)
