@@ -16,7 +16,7 @@ from hypothesis import strategies as st
 from posefuse.core import Frame
 from posefuse.core.depth import DepthImage
 from posefuse.core.frames import Pixels
-from posefuse.formats.pixels import DecodedPixels, PixelConverter
+from posefuse.formats.video import DecodedPixels, PixelConverter
 from posefuse.sources import FramesAhead, VideoConfig
 from posefuse.sources.live import PacedVideoConfig
 from posefuse.sources.video import ticks_ns

@@ -14,7 +14,7 @@ import numpy as np
 
 from posefuse import __version__
 from posefuse.association import AssociateSettings, associate
-from posefuse.calibration.keypoints import limb_keypoints
+from posefuse.calibration.clocks.person_tracks import limb_keypoints
 from posefuse.calibration.person.scale import size_doubt
 from posefuse.core import (
     InputError,

@@ -14,7 +14,7 @@ from posefuse.core import CalibrationError, Rig
 from posefuse.foundation.output_file import write_text
 from posefuse.foundation.parsing import one_line, parse_json, parse_toml, parse_yaml, read_text
 
-from . import anipose_toml, caliscope_toml, opencv_storage, parts, qualisys, ros_camera_info
+from . import anipose_toml, opencv_storage, parts, qualisys, ros_camera_info
 from .plausible import doubts, require_placed
 
 # TOML, XML, YAML and JSON files parsed to plain values, OpenCV's and ROS's matrices included.
@@ -87,7 +87,7 @@ def _count(data: Any) -> str:
 
 
 # ROS before OpenCV: both call the intrinsics camera_matrix, and ROS has more keys
-_READERS: tuple[ModuleType, ...] = (caliscope_toml, anipose_toml, qualisys, ros_camera_info, opencv_storage)
+_READERS: tuple[ModuleType, ...] = (anipose_toml, qualisys, ros_camera_info, opencv_storage)
 _FOLDER_SUFFIXES = (".yaml", ".yml", ".json")
 
 
