@@ -27,7 +27,7 @@ from posefuse.calibration.person.scale import KnownLength
 from posefuse.calibration.person.solve import at_clocks, calibrate_from_person, calibrate_tracks, unplaced_clocks
 from posefuse.calibration.person.views import PersonViews, person_views
 from posefuse.calibration.report import RefusedCalibration
-from posefuse.calibration.solving.rotations import Poses, poses_of
+from posefuse.calibration.rotations import Poses, poses_of
 from posefuse.core import CalibrationError, Camera, Rig
 from posefuse.detection.build import DetectorChoice, build_detector
 from posefuse.formats.pose2d import read_openpose_folder

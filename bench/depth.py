@@ -27,7 +27,7 @@ from posefuse.core import Detections2D, JointCentres, Pose3D, Rig, Truth
 from posefuse.detection import with_depth
 from posefuse.detection.build import DetectorChoice, build_detector
 from posefuse.evaluation.metrics import true_xyz_at
-from posefuse.formats.depth_images import DepthFolder
+from posefuse.formats.image_folders import DepthFolder
 from posefuse.tracking import LearntLengths, at_joint_centres
 from posefuse_sim.scene import Scene
 from posefuse_sim.session import SessionPaths

@@ -25,9 +25,8 @@ from posefuse.detection.decode import landmarks_from_outputs
 from posefuse.detection.engines import BlazePoseNetwork
 from posefuse.detection.noise import NoiseModel, landmark_noise_features
 from posefuse.foundation.places import default_cache_dir
-from posefuse_sim.fitting import render_everyday
-from posefuse_sim.fitting.keypoint_noise import _as_in_use as as_in_use
-from posefuse_sim.fitting.keypoint_noise import fit_log_sigma, noise_text, shared_keypoints
+from posefuse_sim.fitting import _as_in_use as as_in_use
+from posefuse_sim.fitting import fit_log_sigma, noise_text, render_everyday, shared_keypoints
 from posefuse_sim.scene import read_scene
 from posefuse_sim.session import SessionPaths
 

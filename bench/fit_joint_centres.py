@@ -29,9 +29,7 @@ from posefuse.formats.joint_centres import joint_centres_text, read_joint_centre
 from posefuse.tracking import to_joint_centres
 from posefuse.tracking.body_directions import HEAD, keypoint_of
 from posefuse.tracking.joint_centres import JOINTS, joint_directions
-from posefuse_sim.fitting import fit_joint_centres, render_moving
-from posefuse_sim.fitting.joint_centres import ARM, MOST_M
-from posefuse_sim.fitting.scenes import FLOORS, MOVES, RATE_HZ, SCENES_EACH, is_rendered
+from posefuse_sim.fitting import ARM, FLOORS, MOST_M, MOVES, RATE_HZ, SCENES_EACH, fit_joint_centres, is_rendered, render_moving
 from posefuse_sim.scene import read_scene
 from posefuse_sim.session import SessionPaths
 

@@ -13,7 +13,7 @@ import numpy as np
 from harness import JOINTS, Use, answer, arguments, covariances, errors, rendered, scene_from, tracked, truth_of
 from scipy.optimize import least_squares
 
-from posefuse_sim.fitting.scenes import everyday_scene
+from posefuse_sim.fitting import everyday_scene
 
 DURATION_S, RATE_HZ = 4.0, 30.0
 MOST_LAG_S = 1.0

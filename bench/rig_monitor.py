@@ -41,7 +41,7 @@ from scenes import walk as random_walk
 from scipy.interpolate import CubicSpline
 
 from paper.scenes.scenes import half_hidden_scene, ring, scene_name, static_scene, walking_scene
-from posefuse.calibration.keypoints import MIN_SCORE, limb_keypoints
+from posefuse.calibration.clocks.person_tracks import MIN_SCORE, limb_keypoints
 from posefuse.core import SE3, Camera, InputError, Observations, Recording, Rig, Truth, ViewSequence
 from posefuse.core.skeleton import PAPER14
 from posefuse.fusion import FuseSettings, fuse

@@ -25,10 +25,9 @@ from posefuse.formats.video import read_video
 from posefuse.pipeline.session import clip_folder
 from posefuse_studio.job_process import JobReporter
 from posefuse_studio.jobs import JOBS_FOLDER, LIVE, Job
-from posefuse_studio.scene.messages import image_message, page_message, poses_message, scene_setup
+from posefuse_studio.scene_messages import image_message, page_message, poses_message, scene_setup
 from posefuse_studio.session import CameraStatus, Host, SessionStatus
-from posefuse_studio.stored import write_stored
-from posefuse_studio.workspace import StudioWorkspace
+from posefuse_studio.workspace import StudioWorkspace, write_stored
 
 IMAGES_HZ, POSES_HZ = 15.0, 40.0
 _SHOWN_WH = (320, 240)

@@ -9,8 +9,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 
 from posefuse.core import SKELETONS, Pose3D
-from posefuse_ros.bodies import bodies_from_pose
-from posefuse_ros.parts import PARTS, parts_from_pose
+from posefuse_ros.bodies import PARTS, bodies_from_pose, parts_from_pose
 
 DOCS = Path(__file__).parent
 SKELETON = SKELETONS["blazepose33"]

@@ -13,9 +13,9 @@ from posefuse_sim import Scene, read_scene
 from posefuse_sim.build import live_scene
 from posefuse_sim.cameras import ListedCameras
 from posefuse_sim.exact import seen_points
+from posefuse_sim.render.model import render_model
 from posefuse_sim.render.shot import CameraShooter
 from posefuse_sim.render.stage import RenderStage, working_backend
-from posefuse_sim.session import scene_render_model
 from posefuse_sim.source import shot_image
 
 _SCENES = Path(__file__).resolve().parents[1] / "examples" / "scenes"
@@ -30,7 +30,8 @@ def pictures(scene: Scene, after_s: float, cameras: int, with_truth: bool) -> li
     live = live_scene(scene)
     optics = [optics_of(camera) for camera in live.rig.cameras[:cameras]]
     largest = np.max([(one.view.width, one.view.height) for one in optics], axis=0)
-    stage = RenderStage(scene_render_model(live, (int(largest[0]), int(largest[1]))), working_backend())
+    backend = working_backend()
+    stage = RenderStage(render_model(live, (int(largest[0]), int(largest[1])), backend), backend)
     drawn = []
     for c in range(cameras):
         frame = int(np.argmin(np.abs(live.shots[c].t_ns / 1e9 - scene.start_s - after_s)))

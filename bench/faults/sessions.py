@@ -11,7 +11,7 @@ from posefuse.calibration.extrinsics.pipeline import Options
 from posefuse.calibration.extrinsics.self_checks import camera_differences
 from posefuse.calibration.extrinsics.target import calibrate_extrinsics
 from posefuse.calibration.extrinsics.world import triangulate_linear
-from posefuse.calibration.solving.rotations import Poses, mean_rotation, stacked
+from posefuse.calibration.rotations import Poses, mean_rotation, stacked
 from posefuse.calibration.targets.corners import CornerObservations
 from posefuse.calibration.targets.kinds import Charuco, Markers, Target
 from posefuse.core import SE3, CalibrationError, Camera, Rig

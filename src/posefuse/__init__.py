@@ -21,12 +21,11 @@ if TYPE_CHECKING:
     from .api.calibrate import calibrate_clocks, calibrate_extrinsics, calibrate_intrinsics, calibrate_person, verify
     from .api.catalogue import recordings
     from .api.compare import compare
-    from .api.joint_angles import JointAngles
     from .api.live import live
     from .api.live_run import track_live
     from .api.machine import doctor, models, plugins
     from .api.record import record, resume_recording
-    from .api.recording import Recording, read, view
+    from .api.recording import JointAngles, Recording, read, view
     from .api.targets import print_target
     from .api.track import batch, demo_session, solve, track
     from .api.values import Rig, detector, read_rig

@@ -77,7 +77,7 @@ def test_the_check_can_fail(tmp_path: Path) -> None:
 # texts about other programs' options, and about options that exist in the shell alone
 _OTHER_OPTIONS = (
     "posefuse/cli/*", "posefuse_studio/*", "posefuse_teleop/*", "posefuse_sim/gazebo/*", "posefuse_sim/commands.py",
-    "posefuse/detection/archives.py", "posefuse_ros/ros1.py", "posefuse/outputs/rerun_scene.py",
+    "posefuse/detection/download.py", "posefuse_ros/ros1.py", "posefuse/outputs/rerun.py",
     "posefuse/calibration/targets/kinds.py",
 )  # fmt: skip
 

@@ -7,7 +7,7 @@ from packages import source_files
 
 MOST_FIELDS = 220
 # files that describe a network or a scene, not how posefuse works: their classes are document formats
-DOCUMENTS = ("card.py", "archives.py", "noise.py", "joint_centres.py")
+DOCUMENTS = ("card.py", "download.py", "noise.py", "joint_centres.py")
 
 
 def fields_of_settings(source: str) -> list[str]:

@@ -6,7 +6,7 @@ import pytest
 from built import standing
 from checks import refusal
 
-from posefuse.association import Assignment, AssociateSettings, assign, associate, hints_after, newcomers
+from posefuse.association import Assignment, AssociateSettings, assign, associate, hints_after
 from posefuse.association.candidates import agreement, candidates_from_detections, pair_midpoints, refined_members
 from posefuse.core import SKELETONS, Detections2D, Rig, ShapeError
 from posefuse.core.depth import keypoint_depth
@@ -279,7 +279,7 @@ def test_only_detections_whose_rays_meet_propose_a_person(ring_rig, body, monkey
         proposed.append(len(poses))
         return agreement(candidates, poses, tolerance_m)
 
-    monkeypatch.setattr(newcomers, "agreement", counted)
+    monkeypatch.setattr("posefuse.association.people.agreement", counted)
     reports, _ = detections(ring_rig(4), crowd(body, *PLACES))
     views = associate(reports, ring_rig(4), AssociateSettings(max_people=3))
     # three people in four cameras are 18 pairs of one person, and 36 of two

@@ -14,7 +14,7 @@ from posefuse.calibration.extrinsics.pipeline import Options
 from posefuse.calibration.extrinsics.snapshots import Snapshots, snapshots
 from posefuse.calibration.extrinsics.target import calibrate_extrinsics
 from posefuse.calibration.report import RefusedCalibration
-from posefuse.calibration.solving.rotations import poses_of
+from posefuse.calibration.rotations import poses_of
 from posefuse.calibration.targets.corners import CornerObservations
 from posefuse.calibration.targets.kinds import Markers
 from posefuse.core import Rig

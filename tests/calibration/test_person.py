@@ -15,7 +15,6 @@ from synthetic_walk import watch_walker as watched
 from posefuse.calibration.clocks.person_tracks import PersonTrack, person_tracks, prominent
 from posefuse.calibration.person.bundle import solve_person_bundle
 from posefuse.calibration.person.scale import KnownLength
-from posefuse.calibration.person.several_people import ChosenPerson, choose_person, people_tracks
 from posefuse.calibration.person.solve import (
     PersonCalibration,
     at_clocks,
@@ -24,9 +23,9 @@ from posefuse.calibration.person.solve import (
     rough_rig,
     unplaced_clocks,
 )
-from posefuse.calibration.person.views import PersonViews, person_views
+from posefuse.calibration.person.views import ChosenPerson, PersonViews, choose_person, people_tracks, person_views
 from posefuse.calibration.report import RefusedCalibration
-from posefuse.calibration.solving.rotations import poses_of
+from posefuse.calibration.rotations import poses_of
 from posefuse.core import SE3, CalibrationError, Camera, Detections2D, Rig
 from posefuse.pipeline.calibration import solve_person
 from posefuse.pipeline.person_poses import PersonSeen

@@ -15,6 +15,7 @@ from bench.faults import command_cases, file_cases, good_sessions, person_cases,
 from bench.faults.sessions import moved, one_changed, prop_session
 from bench.faults.verdict import RIGHT, SILENT, verdict
 from bench.faults.waved_props import Faults, Waving, board, cube, observe_prop
+from posefuse.calibration.bundle import clustered_covariance
 from posefuse.calibration.extrinsics.bootstrap import rough_offsets
 from posefuse.calibration.extrinsics.causes import best_causes, cause_check
 from posefuse.calibration.extrinsics.freedoms import Freed
@@ -22,7 +23,6 @@ from posefuse.calibration.extrinsics.pipeline import Options
 from posefuse.calibration.extrinsics.target import Calibration, calibrate_extrinsics
 from posefuse.calibration.person.scale import KnownLength
 from posefuse.calibration.report import Check, RefusedCalibration
-from posefuse.calibration.solving.bundle import clustered_covariance
 from posefuse.calibration.targets.corners import CornerObservations
 from posefuse.calibration.targets.kinds import Charuco, Chessboard, Markers
 from posefuse.calibration.verify import verify

@@ -21,7 +21,7 @@ from posefuse.calibration.extrinsics.pipeline import Options, RigTask, Solved, s
 from posefuse.calibration.extrinsics.snapshots import snapshots
 from posefuse.calibration.extrinsics.target import Calibration, calibrate_extrinsics
 from posefuse.calibration.extrinsics.world import triangulate_linear
-from posefuse.calibration.solving.rotations import Poses
+from posefuse.calibration.rotations import Poses
 from posefuse.calibration.targets.corners import CornerObservations, joined
 from posefuse.calibration.targets.kinds import Charuco
 from posefuse.calibration.verify import verify

@@ -16,7 +16,7 @@ from posefuse.core.live_messages import LivePose, LiveStart
 from posefuse.formats.recording import read_recording
 from posefuse.outputs.rerun import FILE
 from posefuse.pipeline.writing import nearby_session, session_of_recording
-from posefuse_ros.record import RecordConfig
+from posefuse_ros.mcap_output import RecordConfig
 
 BEGIN_NS = 1_700_000_000_000_000_000
 

@@ -249,7 +249,7 @@ def test_resume_with_other_inputs_or_settings_is_refused_by_name(
 def test_a_failed_output_is_named_and_the_others_are_written(track: Tracker, tmp_path: Path) -> None:
     for what, reason in (("full", "No space left on device"), ("bug", "ValueError: not thought of")):
         out = tmp_path / what
-        done = track(out, "--json", at=(["posefuse.outputs.trc", "write_trc", 1, what],))
+        done = track(out, "--json", at=(["posefuse.outputs.data_files", "write_trc", 1, what],))
         assert done.returncode == 1, done.stderr
         assert f"output trc: not written ({reason})" in done.stderr
         assert json.loads(done.stdout)["failed"] == {"trc": reason}

@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 
 from bench.faults.waved_props import Faults, Waving, cube, observe_prop
+from posefuse.calibration.bundle import grouped_sum
 from posefuse.calibration.extrinsics.pipeline import Options, RigTask, key_snapshots, link, solve
 from posefuse.calibration.extrinsics.prop_solve import Freedom, PropState, _Model
-from posefuse.calibration.solving.bundle import grouped_sum
-from posefuse.calibration.solving.projection import Lenses
-from posefuse.calibration.solving.rotations import Poses, poses_of, stacked
+from posefuse.calibration.projection import Lenses
+from posefuse.calibration.rotations import Poses, poses_of, stacked
 from posefuse.calibration.targets.kinds import Markers, patch_corners
 from posefuse.core import Rig
 

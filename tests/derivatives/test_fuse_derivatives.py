@@ -3,7 +3,7 @@ import pytest
 
 from posefuse.core import SE3, Camera, Rig
 from posefuse.fusion.kernels import lens, point
-from posefuse.fusion.triangulation import packed_rig
+from posefuse.fusion.kernels.packed import packed_rig
 
 K = np.array([[700.0, 3.0, 320.0], [0, 690.0, 240.0], [0, 0, 1]])
 POSE = SE3.from_rotvec([0.1, -0.2, 0.3], [0.1, 0.2, 3.0])

@@ -5,10 +5,10 @@ import pytest
 from checks import refusal
 
 from posefuse.core import ModelError
-from posefuse.detection.archives import NpmSource, UrlSource
 from posefuse.detection.boxes import expected_shapes
 from posefuse.detection.build import network_plugin
 from posefuse.detection.card import PERSONS, TOP_DOWN, OnnxCard, list_cards, needed_cards, read_card
+from posefuse.detection.download import NpmSource, UrlSource
 from posefuse.detection.engines import OnnxNetwork
 from posefuse.detection.files import fetch_all
 from posefuse.detection.noise import read_noise

@@ -20,8 +20,7 @@ from posefuse.detection.choosing import (
     measured_costs,
     smaller_network,
 )
-from posefuse.detection.files import model_path
-from posefuse.detection.lock import remember
+from posefuse.detection.files import model_path, remember
 
 COSTS = [NetworkCost("large", "cpu", 0.02), NetworkCost("middle", "cpu", 0.006), NetworkCost("small", "cpu", 0.003)]
 ON_CPU = DetectorChoice(options={"device": "cpu"})

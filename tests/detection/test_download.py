@@ -15,11 +15,9 @@ import pytest
 from checks import refusal
 
 from posefuse.core import ModelError
-from posefuse.detection.archives import UrlSource
 from posefuse.detection.card import read_card
-from posefuse.detection.download import downloaded
-from posefuse.detection.files import fetch, fetch_all, holds, model_path, status
-from posefuse.detection.lock import LOCK_FILE, Trust
+from posefuse.detection.download import UrlSource, downloaded
+from posefuse.detection.files import LOCK_FILE, Trust, fetch, fetch_all, holds, model_path, status
 
 CONTENT = np.random.default_rng(0).bytes(3_000_000)
 SHA = hashlib.sha256(CONTENT).hexdigest()

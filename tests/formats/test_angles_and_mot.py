@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 
 from posefuse.core import SE3, InputError
 from posefuse.formats.mot import MotTable, motion_from_joints, read_mot, write_mot
-from posefuse.outputs.tables import write_angles
+from posefuse.outputs.data_files import write_angles
 
 
 @pytest.fixture

@@ -36,8 +36,8 @@ from posefuse.formats.page import (
     Ticks,
     write_page,
 )
+from posefuse.formats.page.page import PLOTLY
 from posefuse.formats.page.plots import COARSE, FINE, page_numbers
-from posefuse.formats.page.write import PLOTLY
 
 NASTY = "<b>[x]</script>{{ 7*7 }}&amp;\"'%{y}"
 GAP = np.array([0.0, 1, np.nan, np.nan, 3, 4, 2])

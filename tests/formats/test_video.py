@@ -1,13 +1,25 @@
-"""Videos: every frame keeps its time, and parts join without a seam."""
+"""Videos: every frame keeps its time, parts join without a seam, and images are converted when they are used."""
 
+from __future__ import annotations
+
+import itertools
+from fractions import Fraction
 from pathlib import Path
 
+import av
 import numpy as np
 import pytest
-from checks import refusal
+from checks import assert_same, refusal
+from hypothesis import given
+from hypothesis import strategies as st
 
-from posefuse.core import InputError
-from posefuse.formats.video import VideoWriter, join_videos, read_video
+from posefuse.core import Frame, InputError
+from posefuse.core.depth import DepthImage
+from posefuse.core.frames import Pixels
+from posefuse.formats.video import DecodedPixels, PixelConverter, VideoWriter, join_videos, read_video
+from posefuse.sources import FramesAhead, VideoConfig
+from posefuse.sources.live import PacedVideoConfig
+from posefuse.sources.video import ticks_ns
 
 
 def _image(i: int, size_wh=(96, 64)) -> np.ndarray:
@@ -67,3 +79,75 @@ def test_files_that_cannot_be_are_named(tmp_path: Path):
     refusal(InputError, r"absent\.mp4: cannot be read as a video", lambda: next(read_video(tmp_path / "absent.mp4")))
     (tmp_path / "text.mp4").write_text("no video")
     refusal(InputError, "cannot be joined", join_videos, [tmp_path / "text.mp4"], tmp_path / "all.mp4")
+
+
+STEP = 12
+
+
+def decoded_frame(size_wh: tuple[int, int], pixel_format: str) -> av.VideoFrame:
+    """A colourful image without edges, in the camera's format."""
+    x, y = np.meshgrid(np.linspace(0, 1, size_wh[0]), np.linspace(0, 1, size_wh[1]))
+    image = np.stack([40 + 180 * x, 220 - 180 * y, 60 + 120 * (x * y)], axis=-1).astype(np.uint8)
+    return av.VideoFrame.from_ndarray(image, format="rgb24").reformat(format=pixel_format)
+
+
+@pytest.mark.parametrize("pixel_format", ["yuv420p", "yuv422p", "yuv444p", "yuvj420p", "yuvj422p", "yuyv422", "rgb24", "nv12"])
+@pytest.mark.parametrize("size_wh", [(640, 480), (322, 242), (54, 40)])
+def test_a_sample_is_every_so_many_pixels_of_the_image(pixel_format: str, size_wh: tuple[int, int]) -> None:
+    pixels = DecodedPixels(decoded_frame(size_wh, pixel_format), PixelConverter())
+    sample, wanted = pixels.sample(STEP), pixels.rgb()[::STEP, ::STEP]
+    assert sample.shape == wanted.shape
+    assert sample.dtype == np.uint8
+    # colour differences of half the resolution are not from the same place; 12 px are 7 levels in the smallest image
+    assert np.abs(sample.astype(int) - wanted).max() <= 3 + 2 * 180 / min(size_wh)
+    assert pixels.rgb() is pixels.rgb()
+
+
+@pytest.mark.parametrize("pixel_format", ["yuv420p", "yuvj422p", "yuyv422", "rgb24"])
+def test_fingerprints_of_different_images_differ(pixel_format: str) -> None:
+    first, same, other = (decoded_frame(size_wh, pixel_format) for size_wh in ((322, 242), (322, 242), (322, 252)))
+    prints = [DecodedPixels(one, PixelConverter()).fingerprint(STEP) for one in (first, same, other)]
+    assert prints[0] == prints[1] != prints[2]
+
+
+def test_frames_that_are_not_used_are_not_converted(demo_session: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    source = PacedVideoConfig(demo_session / "videos" / "cam00.mp4", "cam00").build()
+    converted: list[int] = []
+    before = PixelConverter.rgb
+    monkeypatch.setattr(PixelConverter, "rgb", lambda self, decoded: converted.append(1) or before(self, decoded))
+    arrived = list(itertools.islice(source.frames(), 6))
+    assert [one.pixels.sample(STEP).shape for one in arrived] == [(40, 54, 3)] * 6
+    assert not converted
+    assert arrived[2].image is arrived[2].image
+    assert len(converted) == 1
+
+
+def test_the_thread_that_decodes_ahead_converts(demo_session: Path) -> None:
+    """And keeps no decoded frames: they take half as much memory again."""
+    ahead = FramesAhead(VideoConfig(demo_session / "videos" / "cam00.mp4", "cam00").build())
+    try:
+        assert [type(frame.pixels) for frame in itertools.islice(ahead, 3)] == [Pixels] * 3
+    finally:
+        ahead.close()
+
+
+def test_a_converted_frame_keeps_all_that_it_has() -> None:
+    """The depth of a camera, too."""
+    depth = DepthImage(values=np.ones((4, 6), np.uint16))
+    frame = Frame(camera="a", seq=3, t_ns=5, received_ns=9, image=np.zeros((4, 6, 3), np.uint8), depth=depth)
+    assert_same(frame.converted(), frame)
+
+
+@given(
+    ticks=st.integers(-(10**9), 10**12),
+    base=st.fractions(Fraction(1, 10**6), 2, max_denominator=10**6),
+    offset_s=st.floats(-1e4, 1e4),
+    drift_ppm=st.sampled_from([0.0, 37.5, -120.0]),
+)
+def test_times_in_whole_numbers_are_those_of_exact_fractions(
+    ticks: int, base: Fraction, offset_s: float, drift_ppm: float
+) -> None:
+    config = VideoConfig(Path("a.mp4"), "a", offset_s=offset_s, drift_ppm=drift_ppm)
+    time_s = ticks * base
+    wanted = round(time_s * 1_000_000_000) + round(offset_s * 1e9 + float(time_s) * drift_ppm * 1e3)
+    assert ticks_ns(config, ticks, base) == wanted

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from posefuse.calibration.solving.bundle import Linearised, Problem, ResidualBlock, solve_bundle
+from posefuse.calibration.bundle import Linearised, Problem, ResidualBlock, solve_bundle
 from posefuse.core.arrays import Array
 
 COUNT, LOCALS = 60, 5

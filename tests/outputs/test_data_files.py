@@ -16,9 +16,7 @@ from posefuse import __version__
 from posefuse.core import InputError, Recording
 from posefuse.formats.c3d import read_c3d
 from posefuse.formats.trc import read_trc
-from posefuse.outputs.c3d import C3dSink
-from posefuse.outputs.tables import CsvSink
-from posefuse.outputs.trc import TrcSink
+from posefuse.outputs.data_files import C3dSink, CsvSink, TrcSink
 
 Make = Callable[..., Recording]
 

@@ -18,10 +18,11 @@ from posefuse.core import InputError, Kind, Recording, Sink
 from posefuse.core.palette import LEFT, LEGEND, MIDDLE, PEOPLE, RIGHT
 from posefuse.evaluation.report import write_report
 from posefuse.formats.page import Heading, Page
-from posefuse.formats.page.write import page_html
+from posefuse.formats.page.page import page_html
 from posefuse.formats.video import VideoWriter
 from posefuse.kinematics import joints_from_poses
 from posefuse.outputs import FrameSink, write_outputs
+from posefuse.outputs.data_files import TrcSink
 from posefuse.outputs.drawing import (
     bone_colours,
     draw_skeleton,
@@ -34,12 +35,10 @@ from posefuse.outputs.facts import person_file
 from posefuse.outputs.frames import every_time_step
 from posefuse.outputs.overlay import Background, OverlaySink
 from posefuse.outputs.overview import OverviewSink, best_time_step, bystander, stage_picture
-from posefuse.outputs.rerun import RerunSink
-from posefuse.outputs.rerun_scene import keypoint_colours
-from posefuse.outputs.trc import TrcSink
+from posefuse.outputs.rerun import RerunSink, keypoint_colours
 from posefuse_ros.markers import side_colours
 from posefuse_studio.pages.recording import COLOURS
-from posefuse_studio.scene.messages import scene_setup
+from posefuse_studio.scene_messages import scene_setup
 
 Make = Callable[..., Recording]
 Frames = Callable[[Recording], Iterator]
@@ -394,7 +393,7 @@ def test_what_a_written_rerun_recording_holds(tmp_path: Path, make_recording: Ma
 
 def test_the_curves_of_the_live_page() -> None:
     pytest.importorskip("nicegui", reason="the extra studio is not installed")
-    from posefuse_studio.scene.view import curves
+    from posefuse_studio.scene import curves
 
     assert_sides(*curves([0, 1], ["left_knee flexion", "right_knee flexion"])["colours"])
 

@@ -14,8 +14,7 @@ import posefuse as pf
 from posefuse.core import DependencyError, InputError, Recording
 from posefuse.formats.recording import write_recording
 from posefuse.outputs import write_outputs
-from posefuse.outputs.rerun import RerunSink, open_in_viewer
-from posefuse.outputs.rerun_scene import ellipsoid_axes
+from posefuse.outputs.rerun import RerunSink, ellipsoid_axes, open_in_viewer
 
 Make = Callable[..., Recording]
 needs_rerun = pytest.mark.skipif(importlib.util.find_spec("rerun") is None, reason="needs the extra `viewer`")

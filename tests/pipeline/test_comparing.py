@@ -23,7 +23,7 @@ from posefuse.pipeline.reports import compared
 from posefuse.realtime.config import LiveConfig
 from posefuse.realtime.session import notes_of
 from posefuse_ros.bags import read_clock
-from posefuse_ros.record import RecordConfig, keep_clock
+from posefuse_ros.mcap_output import RecordConfig, keep_clock
 from posefuse_ros.sim_time import SimulatedClock
 
 BEGIN_NS = 1_750_000_000 * 10**9

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from posefuse.calibration.keypoints import limb_keypoints
+from posefuse.calibration.clocks.person_tracks import limb_keypoints
 from posefuse.core import Truth
 from posefuse.core.view_sequences import ViewSequence
 from posefuse.detection import OracleNoise, oracle_views

@@ -19,7 +19,7 @@ from posefuse.realtime.estimator import warmed_up
 from posefuse.realtime.messages import SessionClock
 from posefuse.realtime.session import notes_of
 from posefuse.tracking.online import MOTION
-from posefuse_ros.record import RecordConfig
+from posefuse_ros.mcap_output import RecordConfig
 from posefuse_sim.build import live_scene
 from posefuse_sim.scene import Scene
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from no_outputs import KeptOutputs
 
-from posefuse.calibration.keypoints import limb_keypoints
+from posefuse.calibration.clocks.person_tracks import limb_keypoints
 from posefuse.core import Detections2D, LiveDetections, LivePose, Rig
 from posefuse.core.skeleton import COCO17
 from posefuse.realtime import group as group_module

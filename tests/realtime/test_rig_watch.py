@@ -9,7 +9,7 @@ import pytest
 from built import turned
 from live_session import until
 
-from posefuse.calibration.keypoints import limb_keypoints
+from posefuse.calibration.clocks.person_tracks import limb_keypoints
 from posefuse.core import Detections2D, Rig, Truth
 from posefuse.formats.truth import read_truth
 from posefuse.health.misalignment import CommonTimeSteps

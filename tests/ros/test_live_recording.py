@@ -43,7 +43,7 @@ from posefuse_ros import bags, live_recording, topics
 from posefuse_ros.bags import Recorder, read_detections, read_mcap, read_poses
 from posefuse_ros.live_recording import read as read_live_recording
 from posefuse_ros.markers import annotations_of_view
-from posefuse_ros.record import RecordConfig
+from posefuse_ros.mcap_output import RecordConfig
 
 pytest.importorskip("rosbags", reason="the extra `ros` is not installed")
 reader = pytest.importorskip("mcap.reader")

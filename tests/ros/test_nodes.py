@@ -33,6 +33,7 @@ from posefuse.realtime.estimator import Centring, Estimator
 from posefuse.realtime.fusion import Fusion
 from posefuse.realtime.messages import SeenView, SessionClock
 from posefuse_ros import topics
+from posefuse_ros.camera_info import publish_intrinsics, rig_of_nodes
 from posefuse_ros.camera_messages import info_from_camera, message_from_joint_centres
 from posefuse_ros.dds import RosNode
 from posefuse_ros.dds_domain import Network
@@ -45,7 +46,6 @@ from posefuse_ros.messages import (
     pose_from_message,
 )
 from posefuse_ros.network_views import NetworkViews
-from posefuse_ros.node_cameras import publish_intrinsics, rig_of_nodes
 from posefuse_ros.nodes import CameraNode
 from posefuse_ros.types import Intake
 

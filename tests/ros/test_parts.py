@@ -12,18 +12,21 @@ from scipy.spatial.transform import Rotation
 from posefuse.core import SE3, SKELETONS, Pose3D
 from posefuse.core.skeleton import pick_keypoints
 from posefuse_ros import topics
-from posefuse_ros.bodies import JOINTS, LINKS, POINTS, bodies_from_pose, head_and_wrists
-from posefuse_ros.parts import (
+from posefuse_ros.bodies import (
+    JOINTS,
+    LINKS,
     PARTS,
+    POINTS,
     Velocities,
     angle_difference,
+    bodies_from_pose,
     covariance_of_parts,
+    head_and_wrists,
     packed_poses,
     parts_from_pose,
     pose_difference,
 )
-from posefuse_ros.person_output import Sizes, sizes_from_points, urdf_text
-from posefuse_ros.ros_output import RosOutput
+from posefuse_ros.ros_output import RosOutput, Sizes, sizes_from_points, urdf_text
 
 BLAZE = SKELETONS["blazepose33"]
 S = 1_000_000_000
@@ -171,7 +174,7 @@ def test_parts_are_published_in_the_world(kept):
 def test_covariance_and_velocity_of_parts_are_made_only_for_those_who_ask(kept, monkeypatch):
     one = "/humans/bodies/p1/left_hand"
     kept.unwanted = {topics.body("p1", f"{part}/{what}").name for part in PARTS for what in ("pose_with_covariance", "twist")}
-    monkeypatch.setattr("posefuse_ros.person_output.covariance_of_parts", None)
+    monkeypatch.setattr("posefuse_ros.ros_output.covariance_of_parts", None)
     output = RosOutput(kept)
     output.people._part_rates.step = None
     output.step(person())

@@ -105,7 +105,7 @@ def test_what_is_published_are_the_bytes_of_ros_2(fake, standing, ring_rig):
 
 
 def test_what_comes_in_is_read_as_from_dds(fake, standing):
-    from posefuse_ros.body_messages import transform
+    from posefuse_ros.messages import transform
 
     with RclpyNode("posefuse", 0) as node:
         reader = node.reader(topics.TF, wakes=False)

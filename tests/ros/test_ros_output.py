@@ -180,7 +180,7 @@ def test_what_no_person_listens_to_is_not_made(kept, standing, some_joints, ring
     of_body = {f"/humans/bodies/p1/{part}" for part in topics.BODY_PARTS}
     kept.unwanted = (of_body | {"/tf", "/posefuse/markers"}) - {"/humans/bodies/p1/joint_states"}
     monkeypatch.setattr("posefuse_ros.ros_output.person_markers", None)
-    monkeypatch.setattr("posefuse_ros.person_output.parts_from_pose", None)
+    monkeypatch.setattr("posefuse_ros.ros_output.parts_from_pose", None)
     monkeypatch.setattr(RosOutput, "_frames", None)
     output.step(standing())
     assert {s.topic.name for s in kept.sent} == {"/humans/bodies/tracked", "/posefuse/pose", "/humans/bodies/p1/joint_states"}

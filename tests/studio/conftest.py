@@ -10,8 +10,7 @@ from small_session import saved_session
 from posefuse.core import Rig
 from posefuse_studio.calibrations import Project, save_project
 from posefuse_studio.setups import Setup, save_setup
-from posefuse_studio.stored import write_stored
-from posefuse_studio.workspace import StudioWorkspace
+from posefuse_studio.workspace import StudioWorkspace, write_stored
 
 
 @pytest.fixture(scope="module")

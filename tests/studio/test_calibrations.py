@@ -46,10 +46,9 @@ from posefuse_studio.calibrations import (
     targets,
 )
 from posefuse_studio.pages.calibrate import graph_options, graph_words, shared_views
-from posefuse_studio.stored import read_stored, write_stored
 from posefuse_studio.work import calibrate
 from posefuse_studio.work.calibrate import refusal_pictures
-from posefuse_studio.workspace import StudioWorkspace
+from posefuse_studio.workspace import StudioWorkspace, read_stored, write_stored
 
 BARE = Project(name="room", setup="webcams")
 READY = replace(BARE, cube="targets/cube.toml", board="targets/board.toml")

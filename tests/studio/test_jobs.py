@@ -20,8 +20,7 @@ from posefuse_studio import job_process
 from posefuse_studio import jobs as jobs_module
 from posefuse_studio.jobs import JOBS_FOLDER, LIVE, WATCH, Job, Jobs, Report
 from posefuse_studio.shell import state_of
-from posefuse_studio.stored import read_stored, write_stored
-from posefuse_studio.workspace import StudioWorkspace
+from posefuse_studio.workspace import StudioWorkspace, read_stored, write_stored
 
 
 @pytest.fixture

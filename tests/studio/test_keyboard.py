@@ -5,8 +5,7 @@ from typing import Any
 
 import pytest
 
-from posefuse_studio.stored import write_stored
-from posefuse_studio.workspace import StudioWorkspace
+from posefuse_studio.workspace import StudioWorkspace, write_stored
 
 pytestmark = pytest.mark.slow
 # pages, and what is shown when all of a page is there

@@ -16,7 +16,7 @@ from posefuse.core import OutputHealth
 from posefuse_studio.jobs import Job
 from posefuse_studio.session import CameraStatus, Host, SessionStatus
 from posefuse_studio.state import LiveLink
-from posefuse_studio.stored import SessionAddress
+from posefuse_studio.workspace import SessionAddress
 
 STATUS = SessionStatus(people=[3])
 

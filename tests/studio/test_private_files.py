@@ -4,11 +4,9 @@ from pathlib import Path
 
 import pytest
 
-from posefuse_studio import stored
 from posefuse_studio.job_process import JobReporter
 from posefuse_studio.jobs import JOBS_FOLDER, Jobs
-from posefuse_studio.stored import SessionAddress, address_file, private_folder, read_stored, write_stored
-from posefuse_studio.workspace import StudioWorkspace
+from posefuse_studio.workspace import SessionAddress, StudioWorkspace, address_file, private_folder, read_stored, write_stored
 
 ADDRESS = SessionAddress(port=4711, key=bytes(range(32)))
 
@@ -16,7 +14,7 @@ ADDRESS = SessionAddress(port=4711, key=bytes(range(32)))
 @pytest.fixture(autouse=True)
 def state(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """Stands for the user's folder of state."""
-    monkeypatch.setattr(stored.platformdirs, "user_state_dir", lambda *_, **__: str(tmp_path / "state"))
+    monkeypatch.setattr("posefuse_studio.workspace.platformdirs.user_state_dir", lambda *_, **__: str(tmp_path / "state"))
     return tmp_path / "state"
 
 

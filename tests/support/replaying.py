@@ -17,8 +17,8 @@ from posefuse.realtime.estimator import Estimator, warmed_up
 from posefuse_ros import topics
 from posefuse_ros.bags import Warn, read_mcap, read_notes
 from posefuse_ros.camera_messages import joint_centres_from_message
+from posefuse_ros.mcap_output import NOTES
 from posefuse_ros.messages import detections_from_message, pose_from_message
-from posefuse_ros.record import NOTES
 
 
 @dataclass(frozen=True)

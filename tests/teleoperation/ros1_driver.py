@@ -15,9 +15,8 @@ sys.path.append(sys.argv[1])
 from posefuse.core import PosefuseError
 from posefuse_teleop.follower import as_vector, standing
 from posefuse_teleop.limits import Motion
-from posefuse_teleop.ros_plan import RosPlan
 from posefuse_teleop.ros_robot import open_ros_robot
-from posefuse_teleop.settings import RobotSettings, TeleoperationSettings
+from posefuse_teleop.settings import RobotSettings, RosPlan, TeleoperationSettings
 
 command, model = sys.argv[2], Path(sys.argv[3])
 plan = RosPlan(version=1, cmd_vel="/cmd_vel", stamped=False)

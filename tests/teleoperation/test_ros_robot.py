@@ -15,16 +15,14 @@ pytest.importorskip("mujoco")
 pytest.importorskip("daqp")
 
 from posefuse.core import SE3, ConfigError
-from posefuse_ros.body_messages import transform
 from posefuse_ros.dds_domain import Network
-from posefuse_ros.messages import header
+from posefuse_ros.messages import header, transform
 from posefuse_ros.topics import TF, Topic
 from posefuse_ros.types import decode, message
 from posefuse_teleop.mujoco_robot import ARM_HOME_RAD, mobile_manipulator
 from posefuse_teleop.ros import NAMESPACE, Reporter
-from posefuse_teleop.ros_plan import RosPlan
 from posefuse_teleop.ros_robot import JOINT_STATES, open_ros_robot
-from posefuse_teleop.settings import RobotSettings, TeleoperationSettings
+from posefuse_teleop.settings import RobotSettings, RosPlan, TeleoperationSettings
 
 PLAN = RosPlan(network=Network(domain_id=own_domain(), local_only=True), cmd_vel="/cmd_vel")
 SETTINGS = TeleoperationSettings(robot=RobotSettings(position_xy_m=(2.0, 0.0), heading_deg=90.0))

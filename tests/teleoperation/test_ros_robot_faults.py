@@ -13,17 +13,14 @@ pytest.importorskip("rosbags")
 
 from posefuse.core import SE3, MessageError
 from posefuse.foundation.requests_to_end import REQUESTS_TO_END
-from posefuse_ros.body_messages import transform
 from posefuse_ros.dds import Sample
-from posefuse_ros.messages import header
+from posefuse_ros.messages import header, transform
 from posefuse_ros.topics import TF, TF_STATIC
 from posefuse_ros.types import encode, message
 from posefuse_teleop import process, ros_robot
-from posefuse_teleop.frames import Frames
 from posefuse_teleop.mujoco_robot import ARM_HOME_RAD
-from posefuse_teleop.ros_plan import RosPlan
-from posefuse_teleop.ros_robot import JOINT_STATES, RosCartesian, RosJoints
-from posefuse_teleop.settings import LimitSettings, TeleoperationSettings
+from posefuse_teleop.ros_robot import JOINT_STATES, Frames, RosCartesian, RosJoints
+from posefuse_teleop.settings import LimitSettings, RosPlan, TeleoperationSettings
 
 DT_S = 0.01
 PLAN = RosPlan(cmd_vel="/cmd_vel")

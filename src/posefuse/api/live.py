@@ -93,7 +93,7 @@ class LiveSession(Closing):
             PosefuseError: what keeps it from beginning, e.g. a camera that cannot be opened.
         """
         from posefuse.realtime.networks import fetch_networks
-        from posefuse.realtime.serve import serve
+        from posefuse.realtime.session import serve
 
         # once and here: every camera process would download what is missing for itself
         with shown(self._progress) as report:
@@ -221,7 +221,7 @@ class LiveSession(Closing):
 
     def _hear(self, worker: Worker) -> None:
         """What the session sends, until it is over."""
-        from posefuse.realtime.serve import Ended, NewsLine
+        from posefuse.realtime.session import Ended, NewsLine
 
         with shown(self._progress) as report:
             while worker.running and not self._ended:

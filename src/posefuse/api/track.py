@@ -87,7 +87,7 @@ def track(
         >>> recording.save("RESULT", formats=("trc", "c3d"))  # doctest: +SKIP
     """
     from posefuse.detection.build import locked, network_settings
-    from posefuse.outputs.rerun_scene import check_viewer
+    from posefuse.outputs.rerun import check_viewer
     from posefuse.pipeline.reading import is_live
     from posefuse.pipeline.result_folder import ResultFolder
     from posefuse.pipeline.session import find_session
@@ -193,7 +193,7 @@ def solve(
     from posefuse.foundation.compiled import compiling
     from posefuse.foundation.output_folder import check_replaceable, output_folder
     from posefuse.foundation.places import check_outside_inputs
-    from posefuse.outputs.rerun_scene import check_viewer
+    from posefuse.outputs.rerun import check_viewer
     from posefuse.pipeline.reading import files_of_result, read_result
     from posefuse.pipeline.solve import REFINED, solve_again
     from posefuse.pipeline.track import refined_line

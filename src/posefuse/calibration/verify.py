@@ -11,8 +11,8 @@ import numpy as np
 from posefuse.calibration.extrinsics.prop_solve import Freedom, PropSolution, solve_prop
 from posefuse.calibration.extrinsics.snapshots import Snapshots, evenly, snapshots
 from posefuse.calibration.extrinsics.world import aligned, patch_track, rig_state, triangulate_linear
-from posefuse.calibration.solving.projection import Lenses
-from posefuse.calibration.solving.rotations import angle_between, centre_covariance_m2
+from posefuse.calibration.projection import Lenses
+from posefuse.calibration.rotations import angle_between, centre_covariance_m2
 from posefuse.calibration.targets.corners import CornerObservations
 from posefuse.calibration.targets.coverage import CELLS_WH, cell_of
 from posefuse.calibration.targets.kinds import Target, patch_corners

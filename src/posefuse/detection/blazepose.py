@@ -19,10 +19,10 @@ from posefuse.foundation.settings import settings
 from .card import BLAZEPOSE_PERSONS, Card, EnsembleCard, LandmarkCard, NetworkCard, PersonCard, read_card
 from .crops import Crops, img_from_crop, region_from_keypoints
 from .decode import landmarks_from_outputs
-from .detector import DetectedPerson, NetworkDetector
 from .device import Device, Precision, openvino_device
 from .engines import BlazePoseNetwork
 from .files import fetch_all
+from .networks import DetectedPerson, NetworkDetector
 from .noise import landmark_noise_features, read_noise
 from .search import SquareFinder
 

@@ -94,7 +94,7 @@ def network_settings(network: str | None, device: str | int | None = None) -> di
 
 def locked(choice: DetectorChoice, folder: Path) -> DetectorChoice:
     """The choice, held to the networks that a session's folder names by their hashes, if it has such a file."""
-    from .lock import LOCK_FILE
+    from .files import LOCK_FILE
 
     lock = folder / LOCK_FILE
     if choice.name != "onnx" or not lock.is_file():

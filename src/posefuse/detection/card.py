@@ -14,7 +14,7 @@ from posefuse.core import SKELETONS, ConfigError, ModelError, Skeleton
 from posefuse.core.errors import choices
 from posefuse.foundation.settings import read_mapping, settings, settings_from_mapping
 
-from .archives import NpmSource, Source, UrlSource
+from .download import NpmSource, Source, UrlSource
 
 CARDS_FOLDER = Path(__file__).parent / "cards"
 _BESIDE_SUFFIXES = (".noise.toml", ".joint_centres.toml")

@@ -2,6 +2,9 @@
 
 No network is part of this package. A machine without a network takes the archive, the file itself, or a folder that holds either,
 by path. A reader never sees half a file, nor a wrong one.
+
+Where its makers state no hash, the file that was fetched first is the one that is used from then on. These hashes are kept in the
+cache. A session folder may carry the same list, so that a study uses the same networks in every laboratory.
 """
 
 from __future__ import annotations
@@ -9,16 +12,67 @@ from __future__ import annotations
 import hashlib
 import tempfile
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from typing import Literal
 
-from posefuse.core import ModelError, Progress, silent
-from posefuse.foundation.output_file import keep_copy
+from posefuse.core import ConfigError, ModelError, Progress, silent
+from posefuse.foundation.output_file import atomic_file, keep_copy
+from posefuse.foundation.settings import read_mapping
 
-from .archives import Source, UrlSource, member_of
 from .card import NetworkCard
-from .lock import FIRST_USE, Trust, remember
+from .download import Source, UrlSource, member_of
+
+LOCK_FILE = "networks.lock.toml"
+
+
+@dataclass(frozen=True)
+class Trust:
+    """Which files are accepted.
+
+    Attributes:
+        terms: those of the cards were read and accepted.
+        locked: only files whose hash is known.
+        lock: hashes in place of the cache's; only read, and nothing else is accepted.
+    """
+
+    terms: bool = False
+    locked: bool = False
+    lock: Path | None = None
+
+    @property
+    def first_use(self) -> bool:
+        """Whether a file is accepted, and from then on kept to, whose hash no source states."""
+        return not self.locked and self.lock is None
+
+    def known_sha256(self, card: NetworkCard, cache_dir: Path) -> str:
+        """The hash that the card's file must have; "" where no source states it. Raises ConfigError for a damaged lock."""
+        return card.sha256.lower() or _hashes(self.file(cache_dir)).get(card.file_name, "")
+
+    def file(self, cache_dir: Path) -> Path:
+        """Where hashes are looked up."""
+        return self.lock or cache_dir / "models" / LOCK_FILE
+
+
+# anything, which is then kept to
+FIRST_USE = Trust()
+
+
+def remember(card: NetworkCard, sha256: str, cache_dir: Path) -> None:
+    """Keep to this file of a card from now on."""
+    path = FIRST_USE.file(cache_dir)
+    with atomic_file(path) as new:
+        lines = [f'"{name}" = "{value}"\n' for name, value in {**_hashes(path), card.file_name: sha256}.items()]
+        new.write_text("".join(lines), encoding="utf-8")
+
+
+def _hashes(path: Path) -> dict[str, str]:
+    found = read_mapping(path) if path.is_file() else {}
+    if not all(isinstance(value, str) for value in found.values()):
+        raise ConfigError(f"{path}: expected lines of a file name and a sha256")
+    return {name: value.lower() for name, value in found.items()}
+
 
 STAGE = "downloading networks"
 _ARCHIVES = (".whl", ".tgz", ".zip")

@@ -49,7 +49,7 @@ _MOST_VALUES = 200_000_000
 
 
 def read_points_csv(path: Path, person: int | None = None) -> NamedPoints:
-    """Read ``pose.csv`` (`outputs.tables`), or a table of columns t_s, NAME_x, NAME_y, NAME_z in metres.
+    """Read ``pose.csv`` (`outputs.data_files`), or a table of columns t_s, NAME_x, NAME_y, NAME_z in metres.
 
     Args:
         path: the file.

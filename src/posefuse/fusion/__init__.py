@@ -6,7 +6,6 @@ from posefuse.core.extras import lazy_names
 
 if TYPE_CHECKING:
     from .settings import WEIGHTS, FuseSettings, Weights
-    from .time_step import fuse
-    from .triangulation import Triangulated, triangulate
+    from .triangulation import Triangulated, fuse, triangulate
 
 __getattr__ = lazy_names(__name__, __file__)

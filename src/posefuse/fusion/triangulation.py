@@ -1,4 +1,4 @@
-"""Raw pixels of several calibrated cameras to 3D points with covariance, by any weights: the array door to fusion."""
+"""Views of one time step, or raw pixels of several calibrated cameras, to 3D points with covariance, by any weights."""
 
 from __future__ import annotations
 
@@ -10,13 +10,12 @@ from typing import Any
 
 import numpy as np
 
-from posefuse.core import Camera, ConfigError, Rig, ShapeError, Skeleton
+from posefuse.core import ConfigError, Kind, Pose3D, Rig, ShapeError, Skeleton, Views
 from posefuse.core.arrays import Array
+from posefuse.core.depth import keypoint_depth
 from posefuse.core.errors import choices
-from posefuse.core.lens import tilt_matrix
 from posefuse.core.skeleton import SIDES, pick_keypoints
 
-from .kernels import columns as at
 from .settings import WEIGHTS, FuseSettings, Weights
 
 # Body segments of the paper and how squarely each camera sees them (the weight w_o).
@@ -94,36 +93,6 @@ def full_weight(rig: Rig, skeleton: Skeleton, score: Array, xyz_world: Array, se
 
 
 # A rig as one flat float64 array per camera, the form the compiled kernels read.
-
-
-@lru_cache(maxsize=32)
-def packed_rig(rig: Rig) -> Array:
-    """(C, WIDTH) float64, columns as in `kernels.columns`; the same array for the same rig, so do not write to it."""
-    return np.stack([_packed_camera(camera) for camera in rig])
-
-
-def _packed_camera(camera: Camera) -> Array:
-    row = np.zeros(at.WIDTH)
-    row[at.R00 : at.TX] = camera.cam_from_world.matrix().ravel()
-    row[at.TX : at.FX] = camera.cam_from_world.xyz
-    row[at.FX : at.K1] = [camera.K[0, 0], camera.K[0, 1], camera.K[0, 2], camera.K[1, 1], camera.K[1, 2]]
-    row[at.K1 : at.K1 + min(12, len(camera.distortion))] = camera.distortion[:12]
-    row[at.T00 : at.U00] = row[at.U00 : at.MODEL] = np.eye(3).ravel()
-    if len(camera.distortion) == 14:
-        tilt = tilt_matrix(float(camera.distortion[12]), float(camera.distortion[13]))
-        row[at.T00 : at.U00] = tilt.ravel()
-        row[at.U00 : at.MODEL] = np.linalg.inv(tilt).ravel()
-    row[at.MODEL] = _model(camera)
-    row[at.X : at.WIDTH] = camera.centre_world
-    return row
-
-
-def _model(camera: Camera) -> int:
-    if not camera.distortion.any():
-        return at.NO_LENS if camera.model == "pinhole" or len(camera.distortion) == 0 else at.FISHEYE
-    if camera.model == "fisheye":
-        return at.FISHEYE
-    return at.BROWN_TILTED if len(camera.distortion) == 14 else at.BROWN
 
 
 _DEFAULTS = FuseSettings()
@@ -304,6 +273,7 @@ def _solve_robust(
 ) -> tuple[Triangulated, Array]:
     """The points, and (G,) the groups in which most views miss their points by far more than they state."""
     from .kernels import robust
+    from .kernels.packed import packed_rig
 
     points = _empty(sigma.shape)
     rival, wanted = np.empty(points.n_views.shape, bool), np.empty(len(sigma))
@@ -318,6 +288,7 @@ def _solve_robust(
 def solve_weighted(rig: Rig, xy_img: Array, score: Array, sigma: Array, weight: Array) -> Triangulated:
     """Groups (G, C, K, ...) to points by the paper's weighted least squares with given weights (G, C, K)."""
     from .kernels import linear
+    from .kernels.packed import packed_rig
 
     solved = _empty(sigma.shape)
     linear.solve_linear(packed_rig(rig), xy_img, sigma, weight, solved.xyz, solved.cov, solved.reproj, solved.n_views)
@@ -332,3 +303,60 @@ def _empty(shape: tuple[int, ...]) -> Triangulated:
         np.empty((groups, keypoints)),
         np.zeros((groups, keypoints), np.uint8),
     )
+
+
+def fuse(views: Views, rig: Rig, settings: FuseSettings, previous: Pose3D | None = None) -> Pose3D:
+    """3D pose of everybody in `views`, each keypoint from this time step's views alone.
+
+    Args:
+        views: C cameras named as in `rig`, in its order.
+        rig: the cameras.
+        settings: weights and thresholds.
+        previous: the pose one time step before, where there is one: gives ``all`` its segment axes. Matched by person_id.
+
+    Returns:
+        Pose3D: kind FUSED, or MISSING (NaN) where fewer than two usable views agree. Views with depth (``robust`` only) count
+            more, and one of them is enough where no other view sees the keypoint.
+
+    Raises:
+        ShapeError: cameras that are not the rig's.
+    """
+    if views.camera_names != rig.names:
+        raise ShapeError(f"fuse: views come from cameras {choices(views.camera_names)}, the rig has {choices(rig.names)}")
+    xy = np.array(views.xy_img)
+    score = np.nan_to_num(views.score)
+    sigma = stated_sigma(xy, score, views.sigma_px, settings)
+    depth = _depth(views, rig) if settings.weights == "robust" else None
+    solved = solved_by(
+        settings.weights, rig, xy, score, sigma, settings,
+        depth=depth, skeleton=views.skeleton, previous_world=_matched(views, previous),
+    )  # fmt: skip
+    kind = np.where(solved.n_views > 0, np.uint8(Kind.FUSED), np.uint8(Kind.MISSING))
+    return Pose3D(
+        t_ns=views.t_ns,
+        skeleton=views.skeleton,
+        person_id=views.person_id,
+        xyz_world=solved.xyz,
+        cov_world=solved.cov,
+        reproj_px=solved.reproj,
+        n_views=solved.n_views,
+        kind=kind,
+    )
+
+
+def _depth(views: Views, rig: Rig) -> Array | None:
+    """(N, C, K, 2) depth of the keypoints and its standard deviation; None where nothing is known of any."""
+    if views.depth_m is None or not np.isfinite(views.depth_m).all(axis=-1).any():
+        return None
+    norm = np.stack([camera.norm_from_px(views.xy_img[:, c]) for c, camera in enumerate(rig)], axis=1)
+    return np.ascontiguousarray(keypoint_depth(views.depth_m, norm, views.skeleton))
+
+
+def _matched(views: Views, previous: Pose3D | None) -> Array | None:
+    """(N, K, 3) the previous points of the same people; NaN for newcomers."""
+    if previous is None or previous.skeleton != views.skeleton:
+        return None
+    places = {int(person): i for i, person in enumerate(previous.person_id)}
+    missing = np.full((len(views.skeleton), 3), np.nan)
+    rows = [previous.xyz_world[places[int(p)]] if int(p) in places else missing for p in views.person_id]
+    return np.array(rows).reshape(-1, len(views.skeleton), 3)

@@ -20,7 +20,7 @@ from posefuse.calibration.clocks.paths import (
     MovingViews,
     Paths,
 )
-from posefuse.calibration.keypoints import MIN_SCORE
+from posefuse.calibration.clocks.person_tracks import MIN_SCORE
 from posefuse.core import Rig
 from posefuse.core.arrays import Array
 

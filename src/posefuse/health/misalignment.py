@@ -16,7 +16,7 @@ from itertools import pairwise
 import numpy as np
 
 from posefuse.calibration.extrinsics.world import linear_points
-from posefuse.calibration.solving.rotations import hat
+from posefuse.calibration.rotations import hat
 from posefuse.core import Rig
 from posefuse.core.arrays import Array
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from posefuse.calibration.keypoints import MIN_SCORE, limb_keypoints
+from posefuse.calibration.clocks.person_tracks import MIN_SCORE, limb_keypoints
 from posefuse.core import Observations, PoseSequence, Recording, Rig, ViewSequence, views_over_time
 from posefuse.core.arrays import Array, known_median
 from posefuse.core.observations import NOT_KEPT

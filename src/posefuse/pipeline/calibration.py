@@ -11,8 +11,8 @@ import numpy as np
 from posefuse.calibration.clocks.person_tracks import PersonTrack, person_tracks
 from posefuse.calibration.clocks.sync import ClockEstimate
 from posefuse.calibration.person.scale import KnownLength
-from posefuse.calibration.person.several_people import ChosenPerson, choose_person
 from posefuse.calibration.person.solve import PersonCalibration, at_clocks, calibrate_tracks, unplaced_clocks
+from posefuse.calibration.person.views import ChosenPerson, choose_person
 from posefuse.calibration.report import CalibrationReport, Check, RefusedCalibration
 from posefuse.core import Camera, InputError, Progress, Rig, silent
 from posefuse.core.arrays import Array

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import itertools
+import time
 from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -24,7 +26,6 @@ from posefuse.core.arrays import Array
 from posefuse.core.observations import NOT_KEPT
 from posefuse.fusion import FuseSettings, fuse
 
-from .clock import StageClock
 from .time_steps import TimeStep
 
 Keep = Callable[[DetectionBatch], None]
@@ -239,3 +240,25 @@ def _without(seen: _Seen, people: set[int]) -> _Seen:
 
 def _some_view_lacks_a_person(views: Views) -> bool:
     return bool((np.nan_to_num(views.score).max(axis=2) == 0).any())
+
+
+class StageClock:
+    """Adds up wall-clock seconds per named stage."""
+
+    def __init__(self) -> None:
+        self._began_s = time.perf_counter()
+        self.seconds: dict[str, float] = {}
+
+    @contextmanager
+    def stage(self, name: str) -> Iterator[None]:
+        """Time the block as part of stage `name`."""
+        began_s = time.perf_counter()
+        try:
+            yield
+        finally:
+            self.seconds[name] = self.seconds.get(name, 0.0) + time.perf_counter() - began_s
+
+    @property
+    def total_s(self) -> float:
+        """Since this clock was made."""
+        return time.perf_counter() - self._began_s

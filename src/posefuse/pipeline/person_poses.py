@@ -18,9 +18,8 @@ from posefuse.association import AssociateSettings
 from posefuse.calibration.clocks.person_tracks import PersonTrack
 from posefuse.calibration.clocks.sync import ClockEstimate
 from posefuse.calibration.person.scale import KnownLength
-from posefuse.calibration.person.several_people import choose_person
 from posefuse.calibration.person.solve import rough_rig, unplaced_clocks
-from posefuse.calibration.person.views import PersonViews, person_views
+from posefuse.calibration.person.views import PersonViews, choose_person, person_views
 from posefuse.core import (
     Camera,
     Detections2D,

@@ -14,7 +14,7 @@ import numpy as np
 
 from posefuse import __version__
 from posefuse.association import AssociateSettings, associate
-from posefuse.calibration.keypoints import limb_keypoints
+from posefuse.calibration.clocks.person_tracks import limb_keypoints
 from posefuse.calibration.person.scale import size_doubt
 from posefuse.core import (
     InputError,
@@ -46,9 +46,8 @@ from posefuse.sources.video import recorded_at
 from posefuse.tracking import smooth
 from posefuse.tracking.stand_in import made_up_detections
 
-from .clock import StageClock
 from .config import TrackConfig
-from .following import FollowedLog, PeopleFollower
+from .following import FollowedLog, PeopleFollower, StageClock
 from .opening import Opened, open_session
 from .result_folder import DetectionStore, ResultFolder
 from .session import LEAST_CAMERAS, Session

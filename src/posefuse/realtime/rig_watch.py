@@ -15,7 +15,7 @@ from functools import cache
 import numpy as np
 
 from posefuse.calibration.clocks.paths import APART_S
-from posefuse.calibration.keypoints import MIN_SCORE, limb_keypoints
+from posefuse.calibration.clocks.person_tracks import MIN_SCORE, limb_keypoints
 from posefuse.core import CameraHealth, Detections2D, Rig, Skeleton
 from posefuse.core.arrays import Array
 from posefuse.foundation.channel import Channel, ChannelClosed

@@ -1,13 +1,19 @@
-"""A live session from views to outputs: processes started, the output rate kept, everything ended again."""
+"""A live session from views to outputs: processes started, the output rate kept, everything ended again.
+
+For `posefuse.live` it runs in a process of its own (`serve`): the program that uses the poses cannot delay the output rate. Its
+plan is an argument; poses, health and news go over the channel, requests come back over it.
+"""
 
 from __future__ import annotations
 
+import _thread
 import json
 import math
 import os
 import signal
+import threading
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import AbstractContextManager, ExitStack, contextmanager
+from contextlib import AbstractContextManager, ExitStack, contextmanager, suppress
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -15,8 +21,21 @@ from typing import Any
 import numpy as np
 
 from posefuse import __version__
-from posefuse.core import LiveNames, LiveOutputConfig, LivePose, LivePreview, Rig, SourceError
+from posefuse.core import (
+    LiveDetections,
+    LiveHealth,
+    LiveMessage,
+    LiveNames,
+    LiveOutputConfig,
+    LivePose,
+    LivePreview,
+    LiveStart,
+    PosefuseError,
+    Rig,
+    SourceError,
+)
 from posefuse.formats.recording import rig_values
+from posefuse.foundation.channel import Channel, ChannelClosed
 from posefuse.foundation.compiled import compiling
 from posefuse.foundation.platform import peak_memory_mb, punctual, usable_cores
 from posefuse.foundation.requests_to_end import HANG_UP, REQUESTS_TO_END, Repeats, handling, heeded, put_off, without_terminal
@@ -27,7 +46,8 @@ from .config import LiveConfig
 from .estimator import warmed_up
 from .fusion import Fusion
 from .group import GroupPlan
-from .messages import AddOutput, KeepVideos, NamePerson, RemoveOutput, Requests, SessionClock, ShowImages, ViewSource
+from .inputs import rig_of_inputs
+from .messages import AddOutput, KeepVideos, NamePerson, RemoveOutput, Requests, SessionClock, ShowImages, Stop, ViewSource
 from .networks import devices_of, on_device, settled_network
 from .news import LEAST_CAMERAS, LEAST_SHARE, News, Say, never_waiting
 from .outputs import OutputPlan, OutputProcess, SessionReader
@@ -309,3 +329,79 @@ def notes_of(rig: Rig, config: LiveConfig) -> dict[str, str]:
         "rig": json.dumps(rig_values(rig)),
         "settings": json.dumps(asdict(config), default=str),
     }
+
+
+_SEND_S, _LOOK_S, _END_SEND_S = 1.0, 0.2, 30.0
+
+
+@dataclass(frozen=True)
+class NewsLine:
+    """One line of news."""
+
+    line: str
+
+
+@dataclass(frozen=True)
+class Ended:
+    """The session is over; `error` is the reason for a failure, None after a normal end."""
+
+    error: PosefuseError | None
+
+
+class _Reader:
+    """The program's end of a session: what it is given, never waiting for it."""
+
+    def __init__(self, channel: Channel, images: bool) -> None:
+        self.takes = (LiveStart, LivePose, LiveHealth, *((LiveDetections, LivePreview) if images else ()))
+        self._channel = channel
+        # detections of frames without an image stay here
+        self._views: dict[str, LiveDetections] = {}
+
+    def take(self, message: LiveMessage) -> None:
+        """Send it on; a program that is gone is noticed by the thread of its requests."""
+        if isinstance(message, LiveDetections):
+            self._views[message.detections.camera] = message
+            return
+        with suppress(ChannelClosed):
+            if isinstance(message, LivePreview) and (view := self._views.get(message.camera)) is not None:
+                self._channel.send(view)
+            self._channel.send(message)
+
+
+def serve(channel: Channel, plan: LivePlan, images: bool) -> None:
+    """Body of the process: run the session until it ends, it is stopped (it interrupts itself), or no one listens any more.
+
+    `images`: send the cameras' small images, too, each after its detections.
+    """
+    signal.signal(signal.SIGINT, signal.default_int_handler)
+    requests = Requests()
+    error: PosefuseError | None = None
+    try:
+        # it may interrupt at once
+        threading.Thread(target=_take_requests, args=(channel, requests), daemon=True).start()
+
+        def say(line: str) -> None:
+            with suppress(ChannelClosed):
+                channel.send(NewsLine(line), _SEND_S)
+
+        rig = rig_of_inputs(plan.rig, plan.inputs, plan.config.camera_info, say)
+        run_live(replace(plan, rig=rig), say, reader=_Reader(channel, images), requests=requests)
+    except PosefuseError as problem:
+        error = problem
+    except KeyboardInterrupt:
+        pass
+    with suppress(ChannelClosed):
+        channel.send(Ended(error), _END_SEND_S)
+
+
+def _take_requests(channel: Channel, requests: Requests) -> None:
+    # it also ends when the program that wanted the poses has ended
+    with suppress(ChannelClosed):
+        while True:
+            channel.wait(_LOOK_S)
+            while (message := channel.receive()) is not None:
+                if isinstance(message, Stop):
+                    _thread.interrupt_main()
+                    return
+                requests.put(message)
+    _thread.interrupt_main()

@@ -13,7 +13,7 @@ from av.video.frame import VideoFrame
 from posefuse.core import Frame, SourceError
 from posefuse.core.arrays import Array
 from posefuse.core.view_sequences import nearest_frames
-from posefuse.formats.pixels import DecodedPixels, PixelConverter
+from posefuse.formats.video import DecodedPixels, PixelConverter
 
 from .images import ImagesSource
 from .video import VideoConfig, listed_frames, opened_video

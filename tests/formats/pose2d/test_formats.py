@@ -11,7 +11,7 @@ from checks import refusal
 
 from posefuse.core import SKELETONS, InputError
 from posefuse.formats.pose2d import FORMATS, UNTRACKED, Pose2DFrames, read_pose2d
-from posefuse.formats.pose2d.keypoint_sets import keypoint_name
+from posefuse.formats.pose2d.frames import keypoint_name
 
 DATA = Path(__file__).parent / "data"
 COCO = SKELETONS["coco17"]

@@ -44,8 +44,8 @@ from posefuse.pipeline.config import TrackConfig
 from . import topics
 from .bags import read_clock, read_mcap, read_notes, read_rig
 from .camera_messages import joint_centres_from_message
+from .mcap_output import NOTES
 from .messages import detections_from_message, names_from_message, pose_from_message
-from .record import NOTES
 
 # Settings for the second solve of a live session, from those that it was made with.
 

@@ -11,8 +11,7 @@ from posefuse.core import Detections2D, Kind, Pose3D, Rig
 from posefuse.core.arrays import Array
 from posefuse.core.palette import colour_of
 
-from .body_messages import point, quaternion, vector
-from .messages import header, time_from_ns
+from .messages import header, point, quaternion, time_from_ns, vector
 from .types import message
 
 _LINE_LIST, _SPHERE_LIST, _TEXT = 5, 7, 9

@@ -21,11 +21,11 @@ from posefuse.realtime.messages import SeenView, SessionClock, ViewSource
 from posefuse.realtime.news import Say
 
 from . import topics
+from .camera_info import NodeIntrinsics
 from .camera_messages import JOINT_CENTRES_TYPE, joint_centres_from_message
 from .dds import RosNode, Sample
 from .dds_domain import Network
 from .messages import DETECTIONS_TYPE, detections_from_message, state_from_message
-from .node_cameras import NodeIntrinsics
 from .types import Intake
 
 _S = 1_000_000_000

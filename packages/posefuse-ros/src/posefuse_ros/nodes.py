@@ -28,13 +28,13 @@ from posefuse.realtime.processes import Groups
 from posefuse.realtime.session import group_plans, notes_of, run_session, stop_requests
 
 from . import topics
+from .camera_info import publish_intrinsics, rig_of_nodes
 from .camera_messages import message_from_joint_centres
 from .dds import RosNode
 from .dds_domain import Network
 from .live_output import Ros2Config, health_lines, publish_preview
 from .messages import POSE_TYPE, message_from_detections, pose_from_message
 from .network_views import NetworkViews
-from .node_cameras import publish_intrinsics, rig_of_nodes
 from .ros_output import RosOutput
 from .types import Intake
 

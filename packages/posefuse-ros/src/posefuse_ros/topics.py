@@ -9,9 +9,9 @@ from typing import Any, Protocol
 from posefuse.foundation.parsing import ros_name
 
 from . import camera_messages, messages
+from .bodies import PARTS
 from .markers import ANNOTATIONS_TYPE
 from .messages import NAMES_TYPE
-from .parts import PARTS
 
 
 @dataclass(frozen=True)

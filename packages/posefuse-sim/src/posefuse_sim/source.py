@@ -20,7 +20,7 @@ from posefuse.core.arrays import Array
 from posefuse.core.depth import DepthImage
 from posefuse.core.errors import choices
 from posefuse.core.ideal_image import optics_of
-from posefuse.formats.depth_images import DepthFolder
+from posefuse.formats.image_folders import DepthFolder
 from posefuse.formats.npz import read_arrays
 from posefuse.formats.truth import read_truth
 from posefuse.formats.video import read_video

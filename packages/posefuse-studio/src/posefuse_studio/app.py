@@ -19,8 +19,7 @@ from posefuse.api.catalogue import thumbnail
 from posefuse.core import DependencyError, InputError, PosefuseError
 from posefuse.foundation.requests_to_end import HANG_UP, handling, heeded
 
-from .stored import private_folder, write_private
-from .workspace import STATE_FOLDER, StudioWorkspace
+from .workspace import STATE_FOLDER, StudioWorkspace, private_folder, write_private
 
 try:
     # it keeps nothing, but would make a folder where it is started

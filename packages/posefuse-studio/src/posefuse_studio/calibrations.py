@@ -24,8 +24,7 @@ from posefuse.calibration.targets.coverage import ENOUGH_SHARE, ENOUGH_TOGETHER,
 from posefuse.calibration.targets.kinds import Charuco, Markers, Target, check_board
 from posefuse.core import InputError, PosefuseError
 from posefuse.core.arrays import Array
-from posefuse_studio.stored import read_stored, write_stored
-from posefuse_studio.workspace import StudioWorkspace, check_name
+from posefuse_studio.workspace import StudioWorkspace, check_name, read_stored, write_stored
 
 FOLDER = "calibrations"
 LENSES, RIG, SEEN = "lenses.toml", "rig.toml", "coverage.json"

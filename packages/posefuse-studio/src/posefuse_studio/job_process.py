@@ -20,9 +20,8 @@ from typing import Any
 from posefuse.core import InputError, PosefuseError
 
 from .jobs import JOBS_FOLDER, Job, Jobs, Report
-from .stored import SessionAddress, address_file, write_stored
 from .work import recordings
-from .workspace import StudioWorkspace
+from .workspace import SessionAddress, StudioWorkspace, address_file, write_stored
 
 _EVERY_S = 0.2
 _ALIVE_S = 1.0

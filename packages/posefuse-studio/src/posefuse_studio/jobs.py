@@ -19,8 +19,7 @@ from typing import Any, Literal
 from posefuse.core import InputError
 
 from .pages import PAGES
-from .stored import SessionAddress, address_file, read_stored, write_stored
-from .workspace import STATE_FOLDER, StudioWorkspace
+from .workspace import STATE_FOLDER, SessionAddress, StudioWorkspace, address_file, read_stored, write_stored
 
 LIVE, WATCH = "live", "watch"
 """Kinds of work that look through cameras: pages follow them, and the streams that they draw have these names."""

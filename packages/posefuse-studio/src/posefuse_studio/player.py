@@ -14,10 +14,10 @@ from posefuse.api.playback import Playback
 from posefuse.core import InputError, JointAngles
 from posefuse.core.arrays import Array
 from posefuse.outputs.drawing import person_rgb
-from posefuse_studio.scene.messages import scene_setup
+from posefuse_studio.scene_messages import scene_setup
 from posefuse_studio.state import Stream
 
-from .scene.messages import image_message, page_message, poses_message
+from .scene_messages import image_message, page_message, poses_message
 
 TILE_PX = 480
 # frames per second while playing: what several videos cost a small computer to decode

@@ -23,7 +23,7 @@ from typing import Any, Literal
 
 from posefuse.core import OutputHealth
 
-from .stored import SessionAddress, adapter
+from .workspace import SessionAddress, adapter
 
 MOST_BYTES = 64 * 2**20
 _log = logging.getLogger(__name__)

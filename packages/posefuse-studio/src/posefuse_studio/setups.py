@@ -12,8 +12,7 @@ from posefuse.core import InputError, PosefuseError
 from posefuse.foundation.platform import usb_cameras
 from posefuse.foundation.plugins import from_package
 from posefuse_studio.calibrations import FOLDER
-from posefuse_studio.stored import read_stored, write_stored
-from posefuse_studio.workspace import StudioWorkspace, check_name
+from posefuse_studio.workspace import StudioWorkspace, check_name, read_stored, write_stored
 
 DEMO = "Demo clip"
 _FOLDER = "setups"

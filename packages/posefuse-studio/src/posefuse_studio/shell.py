@@ -22,7 +22,7 @@ from posefuse.foundation.summary import Block, Cell, Facts, Heading, Note, Table
 from posefuse_studio.access import is_loopback
 from posefuse_studio.jobs import LIVE, WATCH, Job, Report
 from posefuse_studio.pages import PAGES, StudioPage
-from posefuse_studio.scene.view import CameraTile
+from posefuse_studio.scene import CameraTile
 from posefuse_studio.session import CameraStatus
 from posefuse_studio.state import LiveLink, Studio
 from posefuse_studio.workspace import recording_place

@@ -19,8 +19,7 @@ from pydantic import ValidationError
 from posefuse_studio.access import Access
 from posefuse_studio.jobs import LIVE, WATCH, Job, Jobs
 from posefuse_studio.session import HEAD, MOST_BYTES, STATUS, SessionStatus
-from posefuse_studio.stored import SessionAddress, adapter
-from posefuse_studio.workspace import StudioWorkspace
+from posefuse_studio.workspace import SessionAddress, StudioWorkspace, adapter
 
 
 class _Page:

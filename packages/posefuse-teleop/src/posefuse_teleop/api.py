@@ -12,9 +12,8 @@ from posefuse.api.live import LiveSession
 from posefuse.core import ConfigError, Progress
 
 if TYPE_CHECKING:
-    from posefuse_teleop.ros_plan import RosPlan
     from posefuse_teleop.session import Operator, Summary
-    from posefuse_teleop.settings import TeleoperationSettings
+    from posefuse_teleop.settings import RosPlan, TeleoperationSettings
     from posefuse_teleop.switches import DeadMan
     from posefuse_teleop.values import Order
 

@@ -157,7 +157,7 @@ def teleoperate(
         rig: Calibration file of the cameras.
     """
     from posefuse.pipeline.config import read_changed
-    from posefuse_teleop.ros_plan import RosPlan
+    from posefuse_teleop.settings import RosPlan
 
     if ros.command and not (ros.ros or ros.ros1):
         raise ConfigError(f"--command {ros.command}: needs --ros or --ros1")

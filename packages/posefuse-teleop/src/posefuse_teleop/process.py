@@ -20,8 +20,7 @@ from posefuse.foundation.platform import punctual
 from posefuse.foundation.worker import Worker
 
 from .follower import Driver, Robot
-from .ros_plan import RosPlan
-from .settings import TeleoperationSettings
+from .settings import RosPlan, TeleoperationSettings
 from .values import Order, RobotState
 
 if TYPE_CHECKING:

@@ -11,14 +11,12 @@ import numpy as np
 
 from posefuse.core import SE3
 from posefuse_ros.bags import Recorder
-from posefuse_ros.body_messages import point_stamped, pose_stamped
 from posefuse_ros.markers import solid_marker
-from posefuse_ros.messages import diagnostic_status, header
+from posefuse_ros.messages import diagnostic_status, header, point_stamped, pose_stamped
 from posefuse_ros.topics import DIAGNOSTICS, Topic
 from posefuse_ros.types import message
 
-from .ros_plan import RosPlan
-from .settings import TeleoperationSettings
+from .settings import RosPlan, TeleoperationSettings
 from .values import Order, Phase, RobotState
 
 # of our own topics

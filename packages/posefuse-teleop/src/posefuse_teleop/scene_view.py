@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from posefuse.core.arrays import Array
-from posefuse.outputs.rerun_scene import TIMELINE, opened_stream
+from posefuse.outputs.rerun import TIMELINE, opened_stream
 
 from .separation import limbs_of
 from .session import Operator

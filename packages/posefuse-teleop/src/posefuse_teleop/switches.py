@@ -21,7 +21,7 @@ from posefuse.core import ConfigError, MessageError, SourceError
 from posefuse.core.extras import package_of_extra
 
 from .gate import Beat
-from .ros_plan import RosPlan
+from .settings import RosPlan
 from .values import OperatorView
 
 _MOST_JOY_BYTES = 10_000

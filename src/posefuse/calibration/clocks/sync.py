@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from posefuse.calibration.keypoints import MIN_SCORE, limb_keypoints
+from posefuse.calibration.clocks.person_tracks import MIN_SCORE, limb_keypoints
 from posefuse.calibration.report import CalibrationReport, Check
 from posefuse.core import CalibrationError, Rig, Skeleton
 from posefuse.core.arrays import Array

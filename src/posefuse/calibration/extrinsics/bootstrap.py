@@ -13,8 +13,8 @@ import cv2
 import numpy as np
 
 from posefuse.calibration.clocks.start import STEP_S, EvenTrack, agreed_clocks
-from posefuse.calibration.solving.projection import Lenses
-from posefuse.calibration.solving.rotations import Poses, nearest_rotation, stacked
+from posefuse.calibration.projection import Lenses
+from posefuse.calibration.rotations import Poses, nearest_rotation, stacked
 from posefuse.calibration.targets.corners import CornerObservations
 from posefuse.calibration.targets.kinds import Target, in_a_plane, patch_corners, scale_m, sides
 from posefuse.core import Camera

@@ -13,9 +13,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.optimize import linear_sum_assignment
 
+from posefuse.calibration.projection import Lenses
 from posefuse.calibration.report import Check
-from posefuse.calibration.solving.projection import Lenses
-from posefuse.calibration.solving.rotations import Poses, angle_between
+from posefuse.calibration.rotations import Poses, angle_between
 from posefuse.calibration.targets.corners import CornerObservations
 from posefuse.calibration.targets.coverage import linked_groups
 from posefuse.calibration.targets.kinds import Charuco

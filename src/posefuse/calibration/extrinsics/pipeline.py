@@ -8,8 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from posefuse.calibration.solving.projection import Lenses
-from posefuse.calibration.solving.rotations import Poses, stacked
+from posefuse.calibration.projection import Lenses
+from posefuse.calibration.rotations import Poses, stacked
 from posefuse.calibration.targets.corners import CornerObservations
 from posefuse.calibration.targets.kinds import Target, patch_corners
 from posefuse.core import CalibrationError, Camera, ConfigError

@@ -10,9 +10,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from posefuse.calibration.solving.bundle import Linearised, Problem, ResidualBlock, Solution, clustered_covariance, solve_bundle
-from posefuse.calibration.solving.projection import LENS_PARAMETERS, Lenses
-from posefuse.calibration.solving.rotations import Poses, hat
+from posefuse.calibration.bundle import Linearised, Problem, ResidualBlock, Solution, clustered_covariance, solve_bundle
+from posefuse.calibration.projection import LENS_PARAMETERS, Lenses
+from posefuse.calibration.rotations import Poses, hat
 from posefuse.core import Camera
 from posefuse.core.arrays import Array
 

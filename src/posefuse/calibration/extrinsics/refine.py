@@ -7,11 +7,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from posefuse.calibration.keypoints import MIN_SCORE, limb_keypoints
+from posefuse.calibration.bundle import Linearised, Problem, ResidualBlock, solve_bundle
+from posefuse.calibration.clocks.person_tracks import MIN_SCORE, limb_keypoints
+from posefuse.calibration.projection import Lenses
+from posefuse.calibration.rotations import Poses, angle_between, hat, poses_of
 from posefuse.calibration.settings import RefineSettings
-from posefuse.calibration.solving.bundle import Linearised, Problem, ResidualBlock, solve_bundle
-from posefuse.calibration.solving.projection import Lenses
-from posefuse.calibration.solving.rotations import Poses, angle_between, hat, poses_of
 from posefuse.core import InputError, Rig, ViewSequence
 from posefuse.core.arrays import SIGMA_PER_MAD, Array
 
@@ -67,7 +67,7 @@ def refined_extrinsics(rig: Rig, views: ViewSequence, chosen: RefineSettings | N
     The prior on the cameras also fixes the world. Limb joints alone count, in time steps at least 0.3 s apart; Cauchy loss.
     A network's errors stay the same while a person stays in one place: so the information of all time steps counts as that of
     as many as differ in where people were and how they were turned. A person at rest changes next to nothing.
-    Method: bundle adjustment, see `calibration.solving.bundle`.
+    Method: bundle adjustment, see `calibration.bundle`.
 
     Args:
         views: of the cameras of `rig`, at common times.

@@ -9,7 +9,7 @@ from itertools import combinations
 import numpy as np
 
 from posefuse.calibration.report import CalibrationReport, Check
-from posefuse.calibration.solving.rotations import Poses, angle_between, centre_covariance_m2, mean_rotation
+from posefuse.calibration.rotations import Poses, angle_between, centre_covariance_m2, mean_rotation
 from posefuse.calibration.targets.corners import CornerObservations
 from posefuse.calibration.targets.coverage import linked_groups
 from posefuse.calibration.targets.detection import BLURRED_EDGE_PX

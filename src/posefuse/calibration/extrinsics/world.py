@@ -10,8 +10,8 @@ from typing import Annotated
 import numpy as np
 from annotated_types import Gt
 
-from posefuse.calibration.solving.projection import Lenses
-from posefuse.calibration.solving.rotations import Poses, poses_of
+from posefuse.calibration.projection import Lenses
+from posefuse.calibration.rotations import Poses, poses_of
 from posefuse.calibration.targets.corners import CornerObservations
 from posefuse.calibration.targets.kinds import Markers, Target, patch_corners
 from posefuse.core import SE3, CalibrationError, Camera, ConfigError, InputError, Rig

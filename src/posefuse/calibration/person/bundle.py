@@ -7,9 +7,9 @@ from dataclasses import dataclass, replace
 import cv2
 import numpy as np
 
+from posefuse.calibration.bundle import PointFreedom, PointSolution, PointState, PointViews, solve_points
 from posefuse.calibration.extrinsics.world import triangulate_linear
-from posefuse.calibration.solving.point_solve import PointFreedom, PointSolution, PointState, PointViews, solve_points
-from posefuse.calibration.solving.rotations import Poses, stacked
+from posefuse.calibration.rotations import Poses, stacked
 from posefuse.core import CalibrationError, Camera, Rig
 from posefuse.core.arrays import Array
 

@@ -7,12 +7,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from posefuse.calibration.bundle import FOCAL, LATE, PointState, solve_points
 from posefuse.calibration.clocks.sync import person_seen
 from posefuse.calibration.extrinsics import self_checks
 from posefuse.calibration.extrinsics.freedoms import IN_STEP
 from posefuse.calibration.report import Check
-from posefuse.calibration.solving.point_solve import FOCAL, LATE, PointState, solve_points
-from posefuse.calibration.solving.rotations import poses_of
+from posefuse.calibration.rotations import poses_of
 from posefuse.core import CalibrationError, Camera, Rig, Skeleton
 from posefuse.core.arrays import Array
 

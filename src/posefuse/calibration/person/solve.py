@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from posefuse.calibration.bundle import DRIFT, LATE
 from posefuse.calibration.clocks.person_tracks import PersonTrack
 from posefuse.calibration.clocks.start import rough_clocks_unplaced
 from posefuse.calibration.clocks.sync import (
@@ -30,8 +31,7 @@ from posefuse.calibration.extrinsics.self_checks import camera_differences, chec
 from posefuse.calibration.extrinsics.target import world_checks
 from posefuse.calibration.extrinsics.world import WorldRule, floor_from_feet, floor_under_body, triangulate_linear
 from posefuse.calibration.report import CalibrationReport, Check, RefusedCalibration
-from posefuse.calibration.solving.point_solve import DRIFT, LATE
-from posefuse.calibration.solving.rotations import poses_of
+from posefuse.calibration.rotations import poses_of
 from posefuse.core import SE3, CalibrationError, Camera, Rig, Skeleton
 from posefuse.core.arrays import Array
 

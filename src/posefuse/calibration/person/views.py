@@ -1,17 +1,26 @@
-"""One person in all cameras at common time steps."""
+"""One person in all cameras at common time steps; and which one, where cameras see several: whom most cameras see together.
+
+People are followed in each camera by themselves first. Of two cameras' people those are the same whose keypoints lie on each
+other's epipolar lines (the essential matrix that most of them agree on, by consensus), whatever clothes they wear.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import combinations
 
+import cv2
 import numpy as np
+from scipy.optimize import linear_sum_assignment
 
 from posefuse.calibration.clocks.paths import at_times
-from posefuse.calibration.clocks.person_tracks import PersonTrack
+from posefuse.calibration.clocks.person_tracks import PersonTrack, person_tracks
 from posefuse.calibration.clocks.sync import ClockEstimate
-from posefuse.core import Skeleton
+from posefuse.core import Camera, Detections2D, Skeleton
 from posefuse.core.arrays import Array, check_fields, freeze_fields
+from posefuse.core.duplicate_share import DUPLICATE_SHARE
+from posefuse.core.duplicates import duplicates
 
 _LEAST_SCORE = 0.35
 
@@ -76,3 +85,155 @@ def _of_both(t_s: Array, values: Array, wanted_s: Array, which: np.ufunc) -> Arr
     after = np.searchsorted(t_s, wanted_s).clip(0, len(t_s) - 1)
     before = np.where(t_s[after] > wanted_s, after - 1, after).clip(0)
     return np.asarray(which(values[before], values[after]))
+
+
+# frames of a camera with two people or more, from which on they count as several; and the share of a track in the longest
+_SEVERAL_SHARE, _LEAST_SHARE = 0.1, 0.2
+_MOST_TRACKS = 4
+# a person is the one of the frame before when so near, in shares of the longer side of the body's box; and lost after
+_SAME_PERSON, _LOST_S = 0.5, 1.0
+_MOST_POINTS, _LEAST_POINTS = 1500, 60
+_EPIPOLAR_PX = 6.0
+
+
+@dataclass(frozen=True, eq=False)
+class ChosenPerson:
+    """One person in all cameras.
+
+    Attributes:
+        tracks: one per camera, in the order of the cameras. several_in: cameras that see further people.
+    """
+
+    tracks: tuple[PersonTrack, ...]
+    several_in: tuple[str, ...] = ()
+
+
+def choose_person(detections: Mapping[str, Sequence[Detections2D]], cameras: tuple[Camera, ...]) -> ChosenPerson:
+    """The person to calibrate from: the one that is there, or of several the one that most cameras see together for longest.
+
+    Args:
+        detections: all people of each camera, frame by frame. cameras: intrinsics, in the order of `detections`.
+
+    Raises:
+        CalibrationError: as `person_tracks`.
+    """
+    prominent = person_tracks(detections)
+    people = [_without_duplicates(frames) for frames in detections.values()]
+    several = tuple(name for name, frames in zip(detections, people, strict=True) if _see_several(frames))
+    if not several:
+        return ChosenPerson(prominent)
+    tracks = [people_tracks(name, frames) for name, frames in zip(detections, people, strict=True)]
+    if not all(tracks):
+        return ChosenPerson(prominent, several)
+    agreeing = _agreeing(tracks, cameras)
+    best = max(_sets_of_tracks(tracks, agreeing), key=lambda chosen: _worth(chosen, agreeing))
+    return ChosenPerson(tuple(tracks[c][i] for c, i in enumerate(best)), several)
+
+
+def people_tracks(camera: str, frames: Sequence[Detections2D]) -> tuple[PersonTrack, ...]:
+    """Every person that a camera sees for long, the longest first; at the times of all frames, NaN where they are absent."""
+    frames = sorted(frames, key=lambda frame: frame.t_ns)
+    going: list[_Going] = []
+    ended: list[_Going] = []
+    for i, frame in enumerate(frames):
+        ended += [one for one in going if frame.t_ns - one.last_ns > _LOST_S * 1e9]
+        going = [one for one in going if frame.t_ns - one.last_ns <= _LOST_S * 1e9]
+        _follow(going, i, frame)
+    by_length = sorted([*ended, *going], key=lambda one: -len(one.rows))
+    long = [one for one in by_length if len(one.rows) >= _LEAST_SHARE * len(by_length[0].rows)]
+    return tuple(PersonTrack.of(camera, frames, one.rows) for one in long[:_MOST_TRACKS])
+
+
+@dataclass(eq=False)
+class _Going:
+    """A person who is being followed: (frame, person) so far, and where they were last, with speed in px/s."""
+
+    rows: list[tuple[int, int]]
+    last_ns: int
+    middle: Array
+    speed: Array
+
+    def expected(self, t_ns: int) -> Array:
+        return self.middle + self.speed * ((t_ns - self.last_ns) / 1e9)
+
+
+def _follow(going: list[_Going], i: int, frame: Detections2D) -> None:
+    """Give the people of a frame to those who are followed, each to the nearest; the others begin."""
+    seen = np.flatnonzero(np.isfinite(frame.xy_img).all(axis=-1).any(axis=-1))
+    middle = np.array([np.nanmedian(frame.xy_img[p], axis=0) for p in seen]).reshape(-1, 2)
+    size = np.array([np.ptp(frame.xy_img[p][np.isfinite(frame.xy_img[p, :, 0])], axis=0).max() for p in seen])
+    expected = np.array([one.expected(frame.t_ns) for one in going]).reshape(-1, 2)
+    away = np.linalg.norm(middle[:, None] - expected[None], axis=-1) / np.maximum(size, 1.0)[:, None]
+    taken: set[int] = set()
+    for p, g in zip(*linear_sum_assignment(np.minimum(away, 10 * _SAME_PERSON)), strict=True):
+        if away[p, g] <= _SAME_PERSON:
+            one, passed_s = going[g], (frame.t_ns - going[g].last_ns) / 1e9
+            one.speed = (one.speed + (middle[p] - one.middle) / max(passed_s, 1e-3)) / 2
+            one.rows.append((i, int(seen[p])))
+            one.last_ns, one.middle = frame.t_ns, middle[p]
+            taken.add(int(p))
+    for p in range(len(seen)):
+        if p not in taken:
+            going.append(_Going([(i, int(seen[p]))], frame.t_ns, middle[p], np.zeros(2)))
+
+
+def _without_duplicates(frames: Sequence[Detections2D]) -> list[Detections2D]:
+    return [frame.people(~duplicates(frame, DUPLICATE_SHARE)) for frame in frames]
+
+
+def _see_several(frames: Sequence[Detections2D]) -> bool:
+    """Whether two people or more are there in a good part of the frames."""
+    count = np.array([int(np.isfinite(frame.xy_img).all(axis=-1).any(axis=-1).sum()) for frame in frames])
+    return bool((count >= 2).sum() >= _SEVERAL_SHARE * max(1, int((count >= 1).sum())))
+
+
+Agreeing = dict[tuple[int, int], Array]
+
+
+def _agreeing(tracks: Sequence[Sequence[PersonTrack]], cameras: tuple[Camera, ...]) -> Agreeing:
+    """For two cameras a < b: (n_a, n_b) how many keypoints of two tracks agree, times the share of theirs that does."""
+    return {
+        (a, b): np.array([[_pair(one, other, cameras[a], cameras[b]) for other in tracks[b]] for one in tracks[a]])
+        for a, b in combinations(range(len(tracks)), 2)
+    }
+
+
+def _pair(one: PersonTrack, other: PersonTrack, camera: Camera, other_camera: Camera) -> float:
+    views = person_views([one, other])
+    both = views.usable.all(axis=0)
+    p, q = camera.norm_from_px(views.xy_img[0][both]), other_camera.norm_from_px(views.xy_img[1][both])
+    known = np.isfinite(p).all(axis=1) & np.isfinite(q).all(axis=1)
+    shared = int(known.sum())
+    if shared < _LEAST_POINTS:
+        return 0.0
+    picked = np.flatnonzero(known)[:: max(1, shared // _MOST_POINTS)]
+    limit = _EPIPOLAR_PX / float((camera.K[0, 0] + other_camera.K[0, 0]) / 2)
+    essential, inlier = cv2.findEssentialMat(p[picked], q[picked], np.eye(3), cv2.RANSAC, 0.999, limit)
+    share = 0.0 if essential is None or essential.shape != (3, 3) else float(inlier.mean())
+    return share * share * shared
+
+
+def _sets_of_tracks(tracks: Sequence[Sequence[PersonTrack]], agreeing: Agreeing) -> list[tuple[int, ...]]:
+    """One track per camera, grown from each single track by those that agree most with the set so far."""
+    found = []
+    for first, mine in enumerate(tracks):
+        for i in range(len(mine)):
+            chosen = {first: i}
+            while len(chosen) < len(tracks):
+                gains = {
+                    (c, j): sum(_of(agreeing, (d, k), (c, j)) for d, k in chosen.items())
+                    for c in range(len(tracks)) if c not in chosen for j in range(len(tracks[c]))
+                }  # fmt: skip
+                c, j = max(gains, key=lambda key: (gains[key], -key[0], -key[1]))
+                chosen[c] = j
+            found.append(tuple(chosen[c] for c in range(len(tracks))))
+    return found
+
+
+def _of(agreeing: Agreeing, one: tuple[int, int], other: tuple[int, int]) -> float:
+    (a, i), (b, j) = sorted((one, other))
+    return float(agreeing[a, b][i, j])
+
+
+def _worth(chosen: tuple[int, ...], agreeing: Agreeing) -> float:
+    return sum(_of(agreeing, one, other) for one, other in combinations(enumerate(chosen), 2))

@@ -6,6 +6,5 @@ plotly.js (basic bundle, MIT, kept compressed in `assets`); nothing is fetched. 
 
 from posefuse.foundation.summary import MISSING, Block, Cell, Facts, Heading, Note, Table
 
-from .blocks import Cards, Details, Images, Page, Player, Side
+from .page import Cards, Details, Images, Page, Player, Side, write_page
 from .plots import Band, Dots, Line, Plot, Plots, Series, Spikes, Ticks
-from .write import write_page

@@ -9,8 +9,7 @@ from posefuse.core import InputError, Skeleton
 from posefuse.core.arrays import Array
 
 from .coco import is_results_list, read_list
-from .frames import UNTRACKED, Pose2DFrames, frame_number, frames_of_images, read_json
-from .keypoint_sets import in_coco17_order, points_of
+from .frames import UNTRACKED, Pose2DFrames, frame_number, frames_of_images, in_coco17_order, points_of, read_json
 from .openpose import keypoints_of_people
 
 NAME = "alphapose"

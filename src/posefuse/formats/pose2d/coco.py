@@ -11,8 +11,7 @@ import numpy as np
 from posefuse.core import InputError, Skeleton
 from posefuse.core.arrays import Array
 
-from .frames import UNTRACKED, ImagePeople, Pose2DFrames, frame_number, frames_of_images, read_json
-from .keypoint_sets import in_coco17_order, points_of
+from .frames import UNTRACKED, ImagePeople, Pose2DFrames, frame_number, frames_of_images, in_coco17_order, points_of, read_json
 
 # One list of people for all images: COCO results JSON, and AlphaPose's default form, which is like it.
 

@@ -15,8 +15,7 @@ from posefuse.core import DependencyError, InputError, Skeleton
 from posefuse.core.arrays import Array
 from posefuse.foundation.parsing import short
 
-from .frames import People2D, Pose2DFrames, frames_from_mapping
-from .keypoint_sets import skeleton_of_names
+from .frames import People2D, Pose2DFrames, frames_from_mapping, skeleton_of_names
 
 # HDF5 files, where the extra for them is installed.
 

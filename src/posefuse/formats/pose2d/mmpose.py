@@ -10,8 +10,7 @@ import numpy as np
 from posefuse.core import InputError, Skeleton
 from posefuse.core.arrays import Array
 
-from .frames import UNTRACKED, Pose2DFrames, frame_number, frames_of_images, read_json
-from .keypoint_sets import skeleton_of_names
+from .frames import UNTRACKED, Pose2DFrames, frame_number, frames_of_images, read_json, skeleton_of_names
 
 NAME = "mmpose"
 LOOKS_FOR = "JSON with frame_id and instances, or a folder of JSON lists with keypoint_scores"

@@ -13,8 +13,17 @@ from posefuse.core import SKELETONS, InputError, Skeleton
 from posefuse.core.arrays import Array
 from posefuse.foundation.parsing import short
 
-from .frames import UNTRACKED, People2D, Pose2DFrames, check_distance, frame_number, read_json
-from .keypoint_sets import BODY_POINTS, in_coco17_order, skeleton_of_count
+from .frames import (
+    BODY_POINTS,
+    UNTRACKED,
+    People2D,
+    Pose2DFrames,
+    check_distance,
+    frame_number,
+    in_coco17_order,
+    read_json,
+    skeleton_of_count,
+)
 
 NAME = "openpose"
 LOOKS_FOR = "a folder of JSON files with people[].pose_keypoints_2d (OpenPose, Pose2Sim)"

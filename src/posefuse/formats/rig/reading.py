@@ -14,7 +14,7 @@ from posefuse.core import CalibrationError, Rig
 from posefuse.foundation.output_file import write_text
 from posefuse.foundation.parsing import one_line, parse_json, parse_toml, parse_yaml, read_text
 
-from . import anipose_toml, caliscope_toml, opencv_storage, parts, qualisys, ros_camera_info
+from . import camera_toml, camera_yaml, parts, qualisys
 from .plausible import doubts, require_placed
 
 # TOML, XML, YAML and JSON files parsed to plain values, OpenCV's and ROS's matrices included.
@@ -86,8 +86,7 @@ def _count(data: Any) -> str:
     return str(len(data)) if isinstance(data, list) else type(data).__name__
 
 
-# ROS before OpenCV: both call the intrinsics camera_matrix, and ROS has more keys
-_READERS: tuple[ModuleType, ...] = (caliscope_toml, anipose_toml, qualisys, ros_camera_info, opencv_storage)
+_READERS: tuple[ModuleType, ...] = (camera_toml, qualisys, camera_yaml)
 _FOLDER_SUFFIXES = (".yaml", ".yml", ".json")
 
 
@@ -143,7 +142,7 @@ def write_rig(path: Path | str, rig: Rig) -> None:
     path = Path(path)
     if path.suffix != ".toml":
         raise CalibrationError(f"{path}: a rig file is TOML: expected a name that ends in .toml")
-    write_text(path, anipose_toml.text_from(rig))
+    write_text(path, camera_toml.text_from(rig))
 
 
 def _read_folder(folder: Path) -> Rig:

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import math
 
-from . import columns as at
-from .precision import fast_kernel
+from . import packed as at
+from .packed import fast_kernel
 
 
 @fast_kernel()

@@ -6,10 +6,9 @@ import math
 
 import numpy as np
 
-from .columns import FX, FY, R20, R21, R22, SKEW, TZ
 from .lens import straighten_group
+from .packed import FX, FY, R20, R21, R22, SKEW, TZ, fast_kernel
 from .point import invert, look, solve3, squared_px
-from .precision import fast_kernel
 from .robust import inflate
 from .start import add_row, depth_rows
 

@@ -15,9 +15,8 @@ from __future__ import annotations
 
 import math
 
-from .columns import FX, FY, R00, R01, R02, R10, R11, R12, R20, R21, R22, SKEW, TX, TY, TZ
 from .lens import bend
-from .precision import fast_kernel
+from .packed import FX, FY, R00, R01, R02, R10, R11, R12, R20, R21, R22, SKEW, TX, TY, TZ, fast_kernel
 
 KNEE = 9.0  # 98.9 % of a 2D Gaussian
 RANK = 1e-10  # smallest over largest eigenvalue of the information below which the rays are one ray

@@ -11,8 +11,8 @@ import math
 import numpy as np
 
 from .lens import straighten_group
+from .packed import fast_kernel
 from .point import invert, look, normal_system, refine, squared_depth, squared_px, squared_residual
-from .precision import fast_kernel
 from .start import GATE, consensus, depth_point, linear_start
 
 USED = 28.0  # weight (KNEE / s)^2 of 0.1: beyond it a view no longer counts as used

@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import math
 
-from .columns import R00, R01, R02, R10, R11, R12, R20, R21, R22, TX, TY, TZ, X, Y, Z
+from .packed import R00, R01, R02, R10, R11, R12, R20, R21, R22, TX, TY, TZ, X, Y, Z, fast_kernel
 from .point import loss, solve3, squared_residual
-from .precision import fast_kernel
 
 GATE = 13.8  # 99.9 %: all views within it need no consensus search
 MAX_TRIALS = 120  # all pairs of 16 cameras: smaller rigs are searched in full where no clean pair ends the search before

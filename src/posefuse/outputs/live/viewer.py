@@ -23,7 +23,7 @@ from posefuse.core import (
 from posefuse.core.recording import person_name
 from posefuse.foundation.output_file import part_path
 from posefuse.foundation.settings import settings
-from posefuse.outputs.rerun_scene import (
+from posefuse.outputs.rerun import (
     SPAWN,
     TIMELINE,
     camera_path,

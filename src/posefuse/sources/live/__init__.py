@@ -1,6 +1,6 @@
 """Cameras that deliver when they do: USB, network streams, and videos played at the pace of the clock."""
 
-from .oak import OakConfig, OakSource
-from .paced import PacedVideoConfig, PacedVideoSource
-from .realsense import RealSenseConfig, RealSenseSource
+from posefuse.sources.video import PacedVideoConfig, PacedVideoSource
+
+from .depth_cameras import OakConfig, OakSource, RealSenseConfig, RealSenseSource
 from .stream import StreamConfig, StreamSource

@@ -19,7 +19,7 @@ import av
 
 from posefuse.core import Frame, SourceError
 from posefuse.core.errors import choices
-from posefuse.formats.pixels import DecodedPixels, PixelConverter
+from posefuse.formats.video import DecodedPixels, PixelConverter
 from posefuse.foundation.platform import usb_camera_address, usb_camera_format, usb_cameras
 from posefuse.sources.arriving import decoded_with_packets
 

@@ -18,7 +18,7 @@ import numpy as np
 
 from posefuse.core import Camera, InputError, PosefuseError
 from posefuse.core.arrays import Array
-from posefuse.formats.depth_images import write_depth
+from posefuse.formats.image_folders import write_depth
 from posefuse.formats.npz import write_arrays
 from posefuse.formats.video import VideoWriter
 from posefuse.foundation.requests_to_end import children_ignore_requests, leave_requests_to_parent

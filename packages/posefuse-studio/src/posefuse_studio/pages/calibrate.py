@@ -35,8 +35,8 @@ from posefuse_studio.calibrations import (
     targets,
 )
 from posefuse_studio.jobs import WATCH, Job, Report
-from posefuse_studio.scene.messages import page_message, scene_setup
-from posefuse_studio.scene.view import RigScene
+from posefuse_studio.scene import RigScene
+from posefuse_studio.scene_messages import page_message, scene_setup
 from posefuse_studio.setups import Setup, presets, save_setup, setup_named
 from posefuse_studio.shell import (
     camera_tiles,

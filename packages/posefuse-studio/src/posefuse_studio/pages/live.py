@@ -12,7 +12,7 @@ from posefuse.core import InputError
 from posefuse.outputs.drawing import person_rgb
 from posefuse.realtime.config import LiveConfig
 from posefuse_studio.jobs import LIVE
-from posefuse_studio.scene.view import CameraTile, RigScene, ValuePlot, first_angles
+from posefuse_studio.scene import CameraTile, RigScene, ValuePlot, first_angles
 from posefuse_studio.session import SessionStatus
 from posefuse_studio.setups import DEMO, setups
 from posefuse_studio.shell import (

@@ -7,7 +7,7 @@ import time
 from nicegui import ui
 
 from posefuse_studio.jobs import LIVE
-from posefuse_studio.scene.view import RigScene
+from posefuse_studio.scene import RigScene
 from posefuse_studio.session import SessionStatus
 from posefuse_studio.shell import apply_style, camera_tiles, light, redrawn
 from posefuse_studio.state import Studio

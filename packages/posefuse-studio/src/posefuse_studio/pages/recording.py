@@ -21,7 +21,7 @@ from posefuse.core.skeleton import SIDES
 from posefuse.foundation.parsing import plain
 from posefuse.foundation.plugins import list_plugins
 from posefuse_studio.player import ResultPlayer, angles_and_strikes, open_recording
-from posefuse_studio.scene.view import CameraTile, RigScene, first_angles
+from posefuse_studio.scene import CameraTile, RigScene, first_angles
 from posefuse_studio.shell import card, file_address, icon_button, job_lines, light, recent, redrawn, refused, small, title, words
 from posefuse_studio.state import Studio
 from posefuse_studio.workspace import check_name, recording_place

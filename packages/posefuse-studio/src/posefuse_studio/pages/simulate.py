@@ -17,8 +17,8 @@ from posefuse.core.arrays import Array
 from posefuse_sim import rig_plan
 from posefuse_sim.cameras import ImageSettings, PlacedCamera, placed_cameras
 from posefuse_sim.scene import Scene, read_scene, scene_text
-from posefuse_studio.scene.messages import page_message, scene_setup
-from posefuse_studio.scene.view import RigScene
+from posefuse_studio.scene import RigScene
+from posefuse_studio.scene_messages import page_message, scene_setup
 from posefuse_studio.shell import card, job_lines, recent, show_summary, small, title
 from posefuse_studio.state import Studio
 from posefuse_studio.workspace import check_name

@@ -35,8 +35,7 @@ from posefuse_studio.calibrations import (
     rests_on,
     without_floor,
 )
-from posefuse_studio.stored import read_stored, write_stored
-from posefuse_studio.workspace import StudioWorkspace
+from posefuse_studio.workspace import StudioWorkspace, read_stored, write_stored
 
 CLOCKS = "posefuse.toml"
 # rows of boards and cubes need not be looked at 30 times a second

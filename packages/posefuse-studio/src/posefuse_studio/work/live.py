@@ -16,7 +16,7 @@ from posefuse.core import Detections2D, JointAngles, LivePreview, Pose3D, Posefu
 from posefuse.core.arrays import Array
 from posefuse.core.joint_angles import angle_labels
 from posefuse.outputs.drawing import person_rgb
-from posefuse_studio.scene.messages import image_message, page_message, poses_message, scene_setup
+from posefuse_studio.scene_messages import image_message, page_message, poses_message, scene_setup
 from posefuse_studio.session import CameraStatus, Host, Pace, SessionStatus, status_pace
 from posefuse_studio.setups import rig_of_setup, setup_named, sources_of_setup
 from posefuse_studio.workspace import POSES_FILE, StudioWorkspace, check_name

@@ -25,11 +25,10 @@ from posefuse.core.arrays import Array
 from posefuse.outputs.drawing import jpeg_of, shrunk_wh
 from posefuse.realtime.watching import CameraFeed, CameraNews, FedFrame
 from posefuse_studio.calibrations import SEEN, SeenTarget, Step, advice_for, enough_for, near_far_of, size_of, without_floor
-from posefuse_studio.scene.messages import image_message, page_message, scene_setup
+from posefuse_studio.scene_messages import image_message, page_message, scene_setup
 from posefuse_studio.session import CameraStatus, Host, Pace, SessionStatus, status_pace
 from posefuse_studio.setups import Setup, sources_of_setup
-from posefuse_studio.stored import write_stored
-from posefuse_studio.workspace import StudioWorkspace
+from posefuse_studio.workspace import StudioWorkspace, write_stored
 
 IMAGES_HZ = 15.0
 # a page that is loaded again, on a machine that is busy

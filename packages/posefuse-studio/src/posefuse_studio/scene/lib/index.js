@@ -1,4 +1,4 @@
-// One websocket per stream and page; every element that draws it gets the decoded messages. Layout: scene/messages.py.
+// One websocket per stream and page; every element that draws it gets the decoded messages. Layout: scene_messages.py.
 
 const SETUP = "setup", POSES = "poses", IMAGE = "image", VALUES = "values", LABELS = "labels";
 const RETRY_MS = 800;

@@ -1,8 +1,12 @@
-"""Anipose and Pose2Sim calibration TOML, the form that posefuse writes: one table per camera.
+"""Calibration TOML: of Anipose and Pose2Sim, the form that posefuse writes, and caliscope's ``camera_array.toml``.
 
-``x_cam = R x_world + t`` in OpenCV axes, R as a rotation vector (Rodrigues), metres. Keys both tools ignore carry what
-they do not know: ``readout_s`` and ``cropped`` (images are a part of the sensor) per camera, ``world_set_by`` and
-``residual_px`` in ``[metadata]``.
+``x_cam = R x_world + t`` in OpenCV axes, metres. Anipose has one table per camera, R as a rotation vector (Rodrigues). Keys both
+tools ignore carry what they do not know: ``readout_s`` and ``cropped`` (images are a part of the sensor) per camera,
+``world_set_by`` and ``residual_px`` in ``[metadata]``.
+
+caliscope has tables ``[cameras.N]``, R as a 3x3 matrix. It knows cameras by number (``cam_id``, once ``port``) and names their
+videos ``cam_N``, so the cameras have these names here. Cameras that are set to be ignored, or that it has not placed, are left
+out.
 """
 
 from __future__ import annotations
@@ -12,29 +16,49 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from posefuse.core import Camera, Rig
+from posefuse.core import CalibrationError, Camera, Rig
 
 from . import parts
 from .plausible import centre_problem
 
-HOLDS = "Anipose / Pose2Sim *.toml"
+HOLDS = "caliscope camera_array.toml; Anipose / Pose2Sim *.toml"
 
 
 def matches(path: Path, content: Any) -> bool:
     """Whether this is such a file."""
-    return path.suffix == ".toml" and "cameras" not in content
+    return path.suffix == ".toml" and ("cameras" not in content or isinstance(content["cameras"], Mapping))
 
 
 def rig_from(path: Path, content: Mapping[str, Any]) -> Rig:
     """The rig of a parsed file."""
+    return _rig_of_caliscope(path, content["cameras"]) if "cameras" in content else _rig_of_anipose(path, content)
+
+
+def _rig_of_anipose(path: Path, content: Mapping[str, Any]) -> Rig:
     tables = {key: value for key, value in content.items() if key not in parts.NOT_CAMERAS and isinstance(value, Mapping)}
-    cameras = [camera_from_table(f"{path}: camera {t.get('name', key)}", str(t.get("name", key)), t) for key, t in tables.items()]
+    cameras = [_camera(f"{path}: camera {t.get('name', key)}", str(t.get("name", key)), t) for key, t in tables.items()]
     about = content.get("metadata", {})
     return parts.rig(path, cameras, about if isinstance(about, Mapping) else {})
 
 
-def camera_from_table(where: str, name: str, table: Mapping[str, Any]) -> Camera:
-    """One camera of this format or of caliscope's, which shares its keys."""
+def _rig_of_caliscope(path: Path, tables: Mapping[str, Any]) -> Rig:
+    cameras = []
+    for key, table in tables.items():
+        number = table.get("cam_id", table.get("port", key)) if isinstance(table, Mapping) else key
+        name = f"cam_{number}"
+        where = f"{path}: camera {name}"
+        if not isinstance(table, Mapping):
+            raise CalibrationError(f"{where}: expected a table of keys, got {type(table).__name__}")
+        placed = "rotation" in table and "translation" in table
+        if not table.get("ignore", False) and placed:
+            cameras.append(_camera(where, name, table))
+    if not cameras:
+        raise CalibrationError(f"{path}: expected at least 1 camera with rotation and translation, got 0 of {len(tables)}")
+    return parts.rig(path, cameras, {})
+
+
+def _camera(where: str, name: str, table: Mapping[str, Any]) -> Camera:
+    """One camera; both formats have the same keys."""
     return parts.camera(
         where,
         name=name,

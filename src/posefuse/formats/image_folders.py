@@ -1,4 +1,6 @@
-"""Depth images of one camera as a folder of 16-bit PNG files, lossless, each named by its time.
+"""Images of one camera as a folder: when each was taken, and depth images as 16-bit PNG files, lossless, each named by its time.
+
+FOLDER/timestamps.csv     of frames, with the columns file and t_s
 
 FOLDER/000001033333.png   depth along the optical axis in units of `unit_m`, 0 where unknown; the name is the time of the frame
                           that it belongs to, in microseconds of that camera's own file
@@ -8,18 +10,48 @@ FOLDER/depth.json         unit_m, and the noise of the camera as in `core.depth.
 
 from __future__ import annotations
 
+import csv
+import itertools
 import json
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import asdict, fields
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from posefuse.core import InputError
+from posefuse.core import InputError, SourceError
 from posefuse.core.arrays import Array
 from posefuse.core.depth import DepthImage, DepthNoise
-from posefuse.foundation.parsing import parse_json, read_text
+from posefuse.foundation.parsing import one_line, parse_json, read_text
+
+TIMES_FILE = "timestamps.csv"
+# times are int64 nanoseconds, and an offset comes on top
+_LATEST_S = 4e9
+
+
+def read_frame_times(folder: Path) -> list[tuple[Path, float]]:
+    """Images of a folder and their times in seconds; raises SourceError for a damaged file, or times that do not increase."""
+    path = folder / TIMES_FILE
+    try:
+        with path.open(newline="", encoding="utf-8-sig") as file:
+            times = [(folder / row["file"], float(row["t_s"])) for row in csv.DictReader(file)]
+    except (OSError, KeyError, ValueError, TypeError, csv.Error) as error:
+        raise SourceError(f"{path}: expected columns file, t_s with numbers, got {one_line(error)}") from None
+    if not all(abs(time_s) < _LATEST_S for _, time_s in times):
+        raise SourceError(f"{path}: t_s: expected seconds below {_LATEST_S:g}, got NaN, infinity or more")
+    if any(later[1] <= earlier[1] for earlier, later in itertools.pairwise(times)):
+        raise SourceError(f"{path}: expected strictly increasing t_s")
+    return times
+
+
+def write_frame_times(folder: Path, times: Iterable[tuple[str, int]]) -> None:
+    """Write the names of images and their times in ns."""
+    with (folder / TIMES_FILE).open("w", newline="", encoding="utf-8") as file:
+        table = csv.writer(file)
+        table.writerow(["file", "t_s"])
+        table.writerows([name, f"{t_ns / 1e9:.9f}"] for name, t_ns in times)
+
 
 ABOUT_FILE = "depth.json"
 # a depth image this close to a frame in time belongs to it

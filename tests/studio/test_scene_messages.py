@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from studio_messages import read_message
 
-from posefuse_studio.scene.messages import ellipsoid_factors, image_message, page_message, poses_message
+from posefuse_studio.scene_messages import ellipsoid_factors, image_message, page_message, poses_message
 
 
 def test_poses_are_read_back() -> None:

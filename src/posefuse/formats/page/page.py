@@ -1,19 +1,23 @@
-"""What a page is made of: frozen blocks in reading order, and the 3D player."""
+"""A page: frozen blocks in reading order, the 3D player among them, as one self-contained HTML file."""
 
 from __future__ import annotations
 
 import base64
-from collections.abc import Mapping, Sequence
+import gzip
+import json
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import KW_ONLY, dataclass
+from pathlib import Path
 from typing import Any, ClassVar, Literal
 
 import numpy as np
 
-from posefuse.core import InputError
+from posefuse.core import InputError, palette
 from posefuse.core.arrays import Array
-from posefuse.foundation.summary import Block
+from posefuse.foundation.output_file import write_text
+from posefuse.foundation.summary import Block, Heading
 
-from .plots import with_decimals
+from .plots import Arrays, Plots, plot_content, with_decimals
 
 _JPEG_QUALITY = 85
 _MEDIA = {b"\xff\xd8": "jpeg", b"\x89P": "png"}
@@ -160,3 +164,73 @@ def player_content(player: Player) -> dict[str, Any]:
         "sides": list(player.sides),
         "across": [list(pair) for pair in player.right_left],
     }
+
+
+_HERE = Path(__file__).parent
+PLOTLY = _HERE / "assets" / "plotly-basic-4.1.1.min.js.gz"
+
+
+def write_page(path: Path, page: Page) -> Path:
+    """Write a page that needs no other file and no network, whole or not at all; returns `path`.
+
+    Plots are drawn in any browser since 2023, in the colours of a light or dark system; the print style sheet makes a PDF.
+
+    Raises:
+        InputError: no such folder, or it cannot be written to; an image that cannot be shown.
+    """
+    html = page_html(page)
+    write_text(path, html)
+    return path
+
+
+def page_html(page: Page) -> str:
+    """The text of the file."""
+    import jinja2
+
+    environment = jinja2.Environment(
+        loader=jinja2.FileSystemLoader(_HERE / "templates"),
+        autoescape=True,
+        trim_blocks=True,
+        lstrip_blocks=True,
+        undefined=jinja2.StrictUndefined,
+    )
+    content = page_content(page)
+    return environment.get_template("page.html.j2").render(
+        page=page,
+        sections=_sections(page.blocks),
+        data=_text_of(gzip.compress(json.dumps(content, separators=(",", ":"), allow_nan=False).encode(), 9, mtime=0)),
+        plotly=_text_of(PLOTLY.read_bytes()) if content["plots"] else "",
+        has_player=bool(content["players"]),
+        left=palette.LEFT,
+        right=palette.RIGHT,
+        middle=palette.MIDDLE,
+    )
+
+
+def page_content(page: Page) -> dict[str, Any]:
+    """What the page's script draws: arrays, plots and players, each list in the order in which the page shows them."""
+    arrays, blocks = Arrays(), list(_all(page.blocks))
+    plots = [plot_content(plot, arrays) for block in blocks if isinstance(block, Plots) for plot in block.plots]
+    players = [player_content(block) for block in blocks if isinstance(block, Player)]
+    return {"title": page.title, "arrays": arrays.content, "plots": plots, "players": players}
+
+
+def _all(blocks: Sequence[Block]) -> Iterator[Block]:
+    for block in blocks:
+        yield block
+        if isinstance(block, Details):
+            yield from _all(block.blocks)
+
+
+def _sections(blocks: Sequence[Block]) -> list[list[Block]]:
+    """Blocks by section: each heading of level 2 begins one."""
+    sections: list[list[Block]] = [[]]
+    for block in blocks:
+        if isinstance(block, Heading) and block.level == 2:
+            sections.append([])
+        sections[-1].append(block)
+    return [section for section in sections if section]
+
+
+def _text_of(data: bytes) -> str:
+    return base64.b64encode(data).decode()

@@ -1,1 +1,0 @@
-"""Numerics that several calibrations share: bundle adjustment, projection with derivatives, rotations."""
