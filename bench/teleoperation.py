@@ -4,10 +4,10 @@
     python bench/teleoperation.py follow
     python bench/teleoperation.py boxes [--seeds 3]
     python bench/teleoperation.py live --session FOLDER [--networks NAME]
-    python bench/teleoperation.py kill [--repeats 5] [--session FOLDER]
+    python bench/teleoperation.py kill [--repeats 5]
 
 faults, follow and boxes run in simulated time, so that the load of the machine does not matter. FOLDER is a session of
-`posefuse simulate`, for live of examples/scenes/operator.yaml.
+`posefuse simulate` of examples/scenes/operator.yaml.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ from harness import Row, answer, arguments, truth_of
 from rehearsal.boxes import move_boxes
 from rehearsal.faults import Outcome, run_many
 from rehearsal.figures import jitter_m, lag_and_rms, rms_jerk, spectral_arc_length
-from rehearsal.killed import OF_OPERATOR, OF_SESSION, Held, of_operator, of_session
+from rehearsal.killed import OF_OPERATOR, Held, of_operator
 from rehearsal.operator import RATE_HZ, MadeUpHand, operated
 from rehearsal.person import HandPath, sine
 from rehearsal.robots import with_joints
@@ -64,13 +64,8 @@ def faults(args: Namespace) -> Tables:
         "breaches": len(total.breaches),
         "kinds": dict(kinds),
     }
-    physics = [
-        {"robot's process": when, "m/s": speed, "m/s2 over 10 ms": fast, "m/s2 over 50 ms": slow}
-        for when, (speed, fast, slow) in zip(("in time", "late"), total.physics, strict=True)
-        if speed
-    ]
     first = [asdict(breach) for breach in total.breaches[:10]]
-    return {"Fault sequences": [{**row, "moved in": total.moved}], "Physics, at most": physics, "First breaches": first}
+    return {"Fault sequences": [{**row, "moved in": total.moved}], "First breaches": first}
 
 
 def smooth(path: np.ndarray, name: str = "") -> Row:
@@ -184,11 +179,9 @@ def against_truth(table: np.ndarray, truth: Truth) -> list[Row]:
 def kill(args: Namespace) -> Tables:
     """Real processes, one of which is killed while the robot moves."""
     rows = []
-    for fault in OF_SESSION if args.session else OF_OPERATOR:
-        times = [of_session(fault, args.session) if args.session else of_operator(fault) for _ in range(args.repeats)]
-        known = [one for one in times if one is not None]
-        worst = {"median_ms": float(np.median(known)), "worst_ms": max(known)} if known else {}
-        rows.append({"fault": fault, **worst, "moved on in": len(times) - len(known)})
+    for fault in OF_OPERATOR:
+        times_ms = [of_operator(fault) for _ in range(args.repeats)]
+        rows.append({"fault": fault, "median_ms": float(np.median(times_ms)), "worst_ms": max(times_ms)})
     return {"Until the robot stands": rows}
 
 
