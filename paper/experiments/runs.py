@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import platform
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass, replace
 from importlib.metadata import version
@@ -18,7 +18,7 @@ from posefuse import __version__
 from posefuse.core import JointCentres, PoseSequence, Progress, Recording, Truth
 from posefuse.evaluation import JointErrors, joint_errors
 from posefuse.formats import joint_centres_from_mapping, read_truth
-from posefuse.formats.page import Page
+from posefuse.formats.page import Block
 from posefuse.foundation import plain, stage_bars, usable_cores
 from posefuse.pipeline import (
     TrackConfig,
@@ -69,10 +69,11 @@ class Context:
 
 @dataclass(frozen=True, eq=False)
 class Outcome:
-    """What an experiment found: plain figures, and the page that shows them."""
+    """What an experiment found: plain figures, of which its `report` makes tables, and the images and plots of its page."""
 
+    title: str
     figures: Mapping[str, Any]
-    page: Page
+    blocks: Sequence[Block]
 
 
 @dataclass(frozen=True, eq=False)
