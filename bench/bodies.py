@@ -11,18 +11,17 @@ from typing import Any
 
 import numpy as np
 from harness import JOINTS, Use, covariances, errors, played, rendered, scene_from, score, tracked, truth_of
-from scenes import OUTPUT_HZ, WARM_UP_S, walk
+from scenes import walk
 
-from paper.scenes.scenes import HIDDEN_JOINTS, half_hidden_scene, ring
+from paper.scenes.scenes import half_hidden_scene, ring
 from posefuse.core import Detections2D, JointCentres, LiveJointCentres, Pose3D, Recording, Truth
-from posefuse.core.skeleton import PAPER14, SIDES
+from posefuse.core.skeleton import SIDES
 from posefuse.formats.joint_centres import joint_centres_from_mapping
 from posefuse.realtime.config import LiveConfig
 from posefuse.realtime.estimator import warmed_up
 from posefuse.tracking.online import MOTION, LiveMotion
 from posefuse_sim.scene import Scene
 
-BEST = "blazepose_best"
 _WALK = walk({"shape": "random", "low_m": [-1.8, -1.8], "high_m": [1.8, 1.8]})
 _OCCLUDERS = (
     {"kind": "wall", "from_m": [1.5, -0.6], "to_m": [1.4, 0.8], "height_m": 1.3},
@@ -31,7 +30,7 @@ _OCCLUDERS = (
 )
 _HIDDEN_S, _HIDDEN_HZ = 3.0, 10.0
 # of live trials
-RATE_HZ, SECONDS = 30.0, 4.0
+RATE_HZ, SECONDS, OUTPUT_HZ, WARM_UP_S = 30.0, 4.0, 100.0, 1.0
 ARRIVE: Mapping[str, tuple[float, float]] = {"late": (0.02, 0.06), "at once": (0.0, 0.001)}
 # of a live trial, by default
 MOVES = ("idle", "walk", "reach", "squat", "turn", "screen", "false_arm")
@@ -39,37 +38,14 @@ MOVES = ("idle", "walk", "reach", "squat", "turn", "screen", "false_arm")
 _SMALLEST_SEED, _SEEDS = 100_000, 900_000
 
 
-@dataclass(frozen=True, kw_only=True)
-class Row:
-    """One line of the table.
-
-    Attributes:
-        scene: name of its scene, see `scene_of`; rows of one scene share what is rendered.
-        network: a model card; "" is the default.
-        joints: whose mean error is the figure of the row.
-    """
-
-    scene: str
-    network: str = ""
-    joints: tuple[str, ...] = PAPER14.keypoints
-
-
-# the last six are judged by the worst of them
-ACTIONS = ("squat", "reach", "wave", "overhead", "sit", "turn")
-ROWS: Mapping[str, Row] = {
-    "walk": Row(scene="walk"),
-    "walk-best": Row(scene="walk", network=BEST),
-    "T-pose": Row(scene="T-pose"),
-    "T-pose-occluded": Row(scene="T-pose-occluded"),
-    "half-hidden": Row(scene="screen", joints=HIDDEN_JOINTS),
-    "false-arm": Row(scene="false_arm", joints=HIDDEN_JOINTS),
-    **{action: Row(scene=action) for action in ACTIONS},
-}
+# in two of them half of the body is hidden
+HIDDEN = ("screen", "false_arm")
+SCENES = ("walk", "T-pose", "T-pose-occluded", *HIDDEN, "squat", "reach", "wave", "overhead", "sit", "turn")
 
 
 def scene_of(name: str, seed: int) -> Scene:
     """One body doing one thing; the rest of the scene is drawn by the same seed."""
-    if name in ("screen", "false_arm"):
+    if name in HIDDEN:
         scene = half_hidden_scene(name, _HIDDEN_S, _HIDDEN_HZ)
         person = replace(scene.people[0], body=replace(scene.people[0].body, random_seed=seed))
         return replace(scene, people=(person,), seed=seed)

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import json
 import platform
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import AbstractContextManager, contextmanager
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import AbstractContextManager
 from dataclasses import dataclass, replace
+from functools import partial
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
@@ -115,11 +116,8 @@ def run_scene(name: str, scene: Scene, context: Context) -> Run:
     config = context.config
     folder = rendered(name, scene, context)
     session = find_session(folder, config)
-    with context.console.progress(f"tracking {name}") as advance:
-
-        def report(stage: str, done: int, total: int | None, message: str = "") -> None:
-            context.console.note(message) if message else advance(done, total)
-
+    context.console.note(f"tracking {name}")
+    with context.console.stages() as report:
         recording = track_session(session, config, progress=report).recording
     table = recording.provenance["joint_centres"]
     centres = joint_centres_from_mapping(table, "provenance: joint_centres") if table else None
@@ -152,8 +150,8 @@ def rendered(name: str, scene: Scene, context: Context) -> Path:
     """The session of a scene; rendered where it is not there yet, finished where an earlier run broke off."""
     folder = context.sessions / scene_name(name, scene)
     if not is_rendered(name, scene, context):
-        with context.console.progress(f"rendering {name}") as advance:
-            simulate(scene, folder, advance, context.workers)
+        with context.console.stages() as report:
+            simulate(scene, folder, partial(report, f"rendering {name}"), context.workers)
     return folder
 
 
@@ -194,9 +192,3 @@ class Console:
     def stages(self) -> AbstractContextManager[Progress]:
         """What long work reports to."""
         return stage_bars(self._screen, self.note)
-
-    @contextmanager
-    def progress(self, label: str) -> Iterator[Callable[[int, int], None]]:
-        """A bar that the callback (done, total) moves."""
-        with self.stages() as report:
-            yield lambda done, total: report(label, done, total)

@@ -23,10 +23,10 @@ _LINES = {
 def run(context: Context) -> Outcome:
     """All studies."""
     studies: dict[str, Any] = {}
-    with context.console.progress("studies") as advance:
+    with context.console.stages() as report:
         for i, name in enumerate(STUDIES):
             studies[name] = study_figures(run_study(name, context.quick, context.config.fuse))
-            advance(i + 1, len(STUDIES))
+            report("studies", i + 1, len(STUDIES))
     return Outcome("What the error depends on", {"studies": studies}, [Plots([_plot(study) for study in studies.values()])])
 
 
