@@ -17,7 +17,6 @@ import sys
 import time
 from argparse import Namespace
 from collections import Counter
-from collections.abc import Callable
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
@@ -78,14 +77,13 @@ def lag(hand: np.ndarray, path: np.ndarray) -> Row:
 
 
 def follow(args: Namespace) -> Tables:
-    """Only the times of inverse kinematics depend on the machine."""
+    """How well the robot follows a synthetic hand."""
     about = [{"m/s": speed, "noise_mm": noise_mm} for speed, noise_mm in HANDS]
     return {"Following": [{**one, **followed(sine(one["m/s"]), 1e-3 * one["noise_mm"])} for one in about]}
 
 
 def followed(path: HandPath, noise_m: float) -> Row:
-    made, hand, ik_ms = with_joints(SETTINGS), MadeUpHand(noise_m, seed=1), []
-    made.joints.follow = timed(made.joints.follow, ik_ms)
+    made, hand = with_joints(SETTINGS), MadeUpHand(noise_m, seed=1)
     hands, measured, robot, steps = [], [], [], (0.0, 0.0)
 
     def look(k: int, now_ns: int) -> tuple[Any, tuple[Beat, ...]]:
@@ -107,18 +105,7 @@ def followed(path: HandPath, noise_m: float) -> Row:
         "jitter_mm": 1e3 * jitter_m(np.array(robot)[standing], RATE_HZ),
         **dict(zip(("step_mm", "step_rad"), steps, strict=True)),
         **smooth(seen, "hand_"), **smooth(followed_, "robot_"),
-        **{f"ik_p{share}_ms": float(np.percentile(ik_ms, share)) for share in (50, 99)},
     }  # fmt: skip
-
-
-def timed(call: Callable[..., Any], took_ms: list[float]) -> Callable[..., Any]:
-    def called(*given: Any) -> Any:
-        begun_s = time.perf_counter()
-        found = call(*given)
-        took_ms.append(1e3 * (time.perf_counter() - begun_s))
-        return found
-
-    return called
 
 
 def boxes(args: Namespace) -> Tables:

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from paper.scenes.inertial import SuitNoise, drift, suit_joints
+from paper.scenes.inertial import Drift, SuitNoise, drift, suit_joints
 from paper.scenes.scenes import PATHS, path_scene
 from posefuse.core import PAPER14, Array, pick_keypoints
 from posefuse.evaluation import true_xyz_at
@@ -45,7 +45,7 @@ def run(context: Context) -> Outcome:
             "vision": {**of_vision, "mean_mm": 1000 * float(np.nanmean(vision.error_m))},
             "suit": {**of_suit, "end_m_of_all": [float(np.min(ends)), float(np.max(ends))]},
         }
-        drawn = _drawn(true, seen, exact, suit, (t_ns - t_ns[0]) / 1e9, (truth.t_ns - truth.t_ns[0]) / 1e9, vision, worn)
+        drawn = _drawn(true, seen, suit, vision, worn)
         moments = [len(poses) // 3, 2 * len(poses) // 3]
         blocks += [Heading(path.replace("_", " ")), Plots(drawn), Images(drawn_images(done, 0, moments, 380))]
     return Outcome("Drift: cameras compared with an inertial suit", figures, blocks)
@@ -62,12 +62,7 @@ def report(figures: Mapping[str, Any]) -> list[Block]:
     return [Heading("Drift on three paths, compared with a simulated inertial suit"), Table(columns, rows)]
 
 
-def _drawn(true: Array, seen: Array, exact: Array, suit: Array, t_s: Array, suit_s: Array, vision: Any, worn: Any) -> list[Plot]:
-    lines = (("truth", suit_s, exact), ("cameras", t_s, seen), ("suit", suit_s, suit))
-    over_time = [
-        Plot(f"{axis} over time", [Line(name, at_s, xyz[:, a]) for name, at_s, xyz in lines], x_label="s", y_label="m")
-        for a, axis in enumerate("xy")
-    ]
+def _drawn(true: Array, seen: Array, suit: Array, vision: Drift, worn: Drift) -> list[Plot]:
     paths = [Line(name, xyz[:, 0], xyz[:, 1]) for name, xyz in (("truth", true), ("cameras", seen), ("suit", suit))]
     error = [
         Line("cameras", vision.walked_m, 1000 * vision.error_m, colour="c1"),
@@ -75,6 +70,5 @@ def _drawn(true: Array, seen: Array, exact: Array, suit: Array, t_s: Array, suit
     ]
     return [
         Plot("From above", paths, x_label="x, m", y_label="y, m", equal=True),
-        *over_time,
         Plot("Error", error, x_label="distance walked, m", y_label="mm", from_zero=True),
     ]

@@ -22,7 +22,7 @@ from paper.scenes import paper
 from paper.scenes.scenes import walking_scene
 from posefuse.core import Array, SourceError
 from posefuse.formats import read_rig, read_video
-from posefuse.formats.page import Block, Heading, Line, Note, Plot, Plots, Spikes, Table
+from posefuse.formats.page import Block, Heading, Note, Plot, Plots, Spikes, Table
 from posefuse.foundation import usable_cores
 from posefuse.outputs.live import JsonConfig
 from posefuse.realtime import LiveConfig, LivePlan, ViewTimes, inputs_from_arguments, run_live
@@ -266,16 +266,14 @@ def report(figures: Mapping[str, Any]) -> list[Block]:
 
 
 def spike_plots(live: LiveTimes) -> list[Plot]:
-    """Of every camera a second in the middle, and of all the whole run."""
+    """Of every camera a second in the middle."""
     middle_s = float(np.median(live.passed_s[:, 0]))
     near = np.abs(live.passed_s[:, 0] - middle_s) <= _SPIKES_S / 2
     window = (middle_s - _SPIKES_S / 2, middle_s + _SPIKES_S / 2, 0.0, 1.05 * float(live.total_ms[near].max()))
-    plots = [
+    return [
         Plot(name, view_spikes(live, c, middle_s), x_label="s", y_label="ms", window=window)
         for c, name in enumerate(live.cameras)
     ]
-    whole = "Exposure to another program, the whole run"
-    return [*plots, Plot(whole, _totals(live), x_label="s", y_label="ms", from_zero=True, wide=True)]
 
 
 def view_spikes(live: LiveTimes, camera: int, middle_s: float) -> list[Spikes]:
@@ -294,9 +292,3 @@ def spread(ms: Array) -> dict[str, float]:
         "p95": float(np.percentile(ms, 95)),
         "most": float(ms.max()),
     }
-
-
-def _totals(live: LiveTimes) -> list[Line]:
-    return [
-        Line(name, live.passed_s[live.camera == c, 0], live.total_ms[live.camera == c]) for c, name in enumerate(live.cameras)
-    ]
