@@ -121,7 +121,7 @@ mutation: with-dev$(MORE),mutation
 	nice $(BIN)/python bench/mutation.py --count 7 --seed 20261128 --write docs/mutation.md
 
 bench-live: with-dev$(MORE)
-	for name in live live_overload; do $(BIN)/python bench/$$name.py --write docs/benchmarks.md || exit; done
+	$(BIN)/python bench/live.py --write docs/benchmarks.md
 
 paper: with-dev$(MORE)
 	$(BIN)/python -m paper all --out out/paper

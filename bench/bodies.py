@@ -11,27 +11,19 @@ from typing import Any
 
 import numpy as np
 from harness import JOINTS, Use, covariances, errors, played, rendered, scene_from, score, tracked, truth_of
-from scenes import OUTPUT_HZ, WARM_UP_S, walk
 
-from paper.scenes.scenes import HIDDEN_JOINTS, half_hidden_scene, ring
+from paper.scenes.scenes import half_hidden_scene, ring, static_scene, walking_scene
 from posefuse.core import Detections2D, JointCentres, LiveJointCentres, Pose3D, Recording, Truth
-from posefuse.core.skeleton import PAPER14, SIDES
+from posefuse.core.skeleton import SIDES
 from posefuse.formats.joint_centres import joint_centres_from_mapping
 from posefuse.realtime.config import LiveConfig
 from posefuse.realtime.estimator import warmed_up
 from posefuse.tracking.online import MOTION, LiveMotion
 from posefuse_sim.scene import Scene
 
-BEST = "blazepose_best"
-_WALK = walk({"shape": "random", "low_m": [-1.8, -1.8], "high_m": [1.8, 1.8]})
-_OCCLUDERS = (
-    {"kind": "wall", "from_m": [1.5, -0.6], "to_m": [1.4, 0.8], "height_m": 1.3},
-    {"kind": "wall", "from_m": [-0.5, 1.6], "to_m": [-1.4, 1.2], "height_m": 1.5},
-    {"kind": "box", "position_m": [-1.6, -0.8, 0.6], "size_m": [0.5, 0.7, 1.2], "yaw_deg": 20},
-)
 _HIDDEN_S, _HIDDEN_HZ = 3.0, 10.0
 # of live trials
-RATE_HZ, SECONDS = 30.0, 4.0
+RATE_HZ, SECONDS, OUTPUT_HZ, WARM_UP_S = 30.0, 4.0, 100.0, 1.0
 ARRIVE: Mapping[str, tuple[float, float]] = {"late": (0.02, 0.06), "at once": (0.0, 0.001)}
 # of a live trial, by default
 MOVES = ("idle", "walk", "reach", "squat", "turn", "screen", "false_arm")
@@ -39,49 +31,23 @@ MOVES = ("idle", "walk", "reach", "squat", "turn", "screen", "false_arm")
 _SMALLEST_SEED, _SEEDS = 100_000, 900_000
 
 
-@dataclass(frozen=True, kw_only=True)
-class Row:
-    """One line of the table.
-
-    Attributes:
-        scene: name of its scene, see `scene_of`; rows of one scene share what is rendered.
-        network: a model card; "" is the default.
-        joints: whose mean error is the figure of the row.
-    """
-
-    scene: str
-    network: str = ""
-    joints: tuple[str, ...] = PAPER14.keypoints
-
-
-# the last six are judged by the worst of them
-ACTIONS = ("squat", "reach", "wave", "overhead", "sit", "turn")
-ROWS: Mapping[str, Row] = {
-    "walk": Row(scene="walk"),
-    "walk-best": Row(scene="walk", network=BEST),
-    "T-pose": Row(scene="T-pose"),
-    "T-pose-occluded": Row(scene="T-pose-occluded"),
-    "half-hidden": Row(scene="screen", joints=HIDDEN_JOINTS),
-    "false-arm": Row(scene="false_arm", joints=HIDDEN_JOINTS),
-    **{action: Row(scene=action) for action in ACTIONS},
-}
+# in two of them half of the body is hidden
+HIDDEN = ("screen", "false_arm")
+SCENES = ("walk", "T-pose", "T-pose-occluded", *HIDDEN, "squat", "reach", "wave", "overhead", "sit", "turn")
 
 
 def scene_of(name: str, seed: int) -> Scene:
     """One body doing one thing; the rest of the scene is drawn by the same seed."""
-    if name in ("screen", "false_arm"):
+    if name in HIDDEN:
         scene = half_hidden_scene(name, _HIDDEN_S, _HIDDEN_HZ)
         person = replace(scene.people[0], body=replace(scene.people[0].body, random_seed=seed))
         return replace(scene, people=(person,), seed=seed)
-    still = name.startswith("T-pose")
-    content = {
-        "duration_s": 0.5 if still else 10.0 if name == "walk" else 3.0,
-        "rate_hz": 10,
-        "seed": seed,
-        "cameras": ring(8, 60.0) if still else ring(4, 66.0),
-        "people": [{"body": {"random_seed": seed}, "motion": _motion(name, seed)}],
-        "occluders": list(_OCCLUDERS) if name == "T-pose-occluded" else [],
-    }
+    if name.startswith("T-pose"):
+        return static_scene(name.endswith("occluded"), seed, 0.5)
+    if name == "walk":
+        return replace(walking_scene(seed, 10.0), rate_hz=10.0)
+    person = {"body": {"random_seed": seed}, "motion": _motion(name, seed)}
+    content = {"duration_s": 3.0, "rate_hz": 10, "seed": seed, "cameras": ring(4, 66.0), "people": [person]}
     return scene_from(content, Use.DEVELOP)
 
 
@@ -89,10 +55,6 @@ def _motion(name: str, seed: int) -> dict[str, Any]:
     """Where a person faces, with which arm, and how fast, differ from body to body."""
     rng = np.random.default_rng([seed, 5])
     heading, side, pace = float(rng.uniform(0, 360)), SIDES[int(rng.integers(2))], float(rng.uniform(0.85, 1.15))
-    if name == "walk":
-        return _WALK
-    if name.startswith("T-pose"):
-        return {"kind": "tpose", "heading_deg": heading}
     if name == "idle":
         return {"kind": "idle", "heading_deg": heading}
     period_s = {"squat": 2.7, "reach": 1.5, "wave": 0.9, "overhead": 2.6, "sit": 3.0, "turn": 4.0}[name] * pace

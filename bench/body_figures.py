@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import Any
 
 import numpy as np
 from harness import JOINTS, exact_poses
@@ -23,7 +22,7 @@ _SOLE = ("heel", "big_toe")
 _STANDS_M_S, _STANCE_S = 0.1, 0.25
 
 
-def figures(poses: PoseSequence, truth: Truth) -> dict[str, Any]:
+def figures(poses: PoseSequence, truth: Truth) -> dict[str, float]:
     """Of the one person of a recording."""
     errors = joint_errors(poses, truth)
     inside = np.flatnonzero((poses.t_ns >= truth.t_ns[0]) & (poses.t_ns <= truth.t_ns[-1]))
@@ -32,20 +31,19 @@ def figures(poses: PoseSequence, truth: Truth) -> dict[str, Any]:
     sigma = np.sqrt(np.diagonal(poses.cov_world[inside, 0][:, poses.skeleton.indices(JOINTS)], axis1=-2, axis2=-1))
     lengths, true_lengths = (segment_lengths(one.xyz_world, one.skeleton)[0] for one in (poses, truth))
     return {
-        "joints_mm": dict(zip(errors.joints, errors.mean_mm.tolist(), strict=True)),
+        **{f"{joint} mm": float(mm) for joint, mm in zip(errors.joints, errors.mean_mm, strict=True)},
         "nees": typical_nees(poses, truth, JOINTS),
-        "within_90": dict(zip(JOINTS, _held(away, sigma, (0, 2)), strict=True)),
-        "length_off": dict(zip(SEGMENT_ENDS, (np.abs(lengths - true_lengths) / true_lengths).tolist(), strict=True)),
         "skate_mm": skate_mm(poses, truth),
+        **{f"{end} held": _held(*(one[:, [JOINTS.index(f"{s}_{end}") for s in SIDES]] for one in (away, sigma))) for end in ENDS},
+        **{f"{name} off": float(abs(a - b) / b) for name, a, b in zip(SEGMENT_ENDS, lengths, true_lengths, strict=True)},
         **_flexions(poses, truth, inside),
     }
 
 
-def _held(away: np.ndarray, sigma: np.ndarray, axes: tuple[int, ...]) -> list[float]:
+def _held(away: np.ndarray, sigma: np.ndarray) -> float:
     """Share of known values that lie within the 90 % interval."""
     known = np.isfinite(away) & np.isfinite(sigma)
-    inside = known & (np.abs(away) < SIGMAS_90 * sigma)
-    return np.asarray(inside.sum(axis=axes) / np.maximum(known.sum(axis=axes), 1)).tolist()
+    return float((np.abs(away[known]) < SIGMAS_90 * sigma[known]).sum() / max(known.sum(), 1))
 
 
 def skate_mm(poses: PoseSequence, truth: Truth, after_s: float = 0.0) -> float:
@@ -73,15 +71,13 @@ def _stances(t_ns: np.ndarray, xyz: np.ndarray) -> Iterator[tuple[int, int]]:
             yield int(t_ns[begin]), int(t_ns[end - 1])
 
 
-def _flexions(poses: PoseSequence, truth: Truth, inside: np.ndarray) -> dict[str, dict[str, float]]:
+def _flexions(poses: PoseSequence, truth: Truth, inside: np.ndarray) -> dict[str, float]:
     """RMSE of flexion angles in degrees, both sides together, and the share of 90 % intervals that hold."""
-    joints = joints_from_poses(poses)
+    joints, found = joints_from_poses(poses), dict[str, float]()
     wanted = joints_from_poses(exact_poses(truth, poses.t_ns[inside])).angle_rad[:, 0]
-    rmse, held = {}, {}
     for joint in FLEXIONS:
         at = [JOINT_NAMES.index(f"{side}_{joint}") for side in SIDES]
         away = joints.angle_rad[inside, 0][:, at, 0] - wanted[:, at, 0]
-        known = away[np.isfinite(away)]
-        rmse[joint] = float(np.degrees(np.sqrt(np.mean(known**2)))) if len(known) else float("nan")
-        held[joint] = _held(away, joints.sigma_rad[inside, 0][:, at, 0], (0, 1))
-    return {"flexion_deg": rmse, "flexion_within_90": held}
+        found[f"{joint} deg"] = float(np.degrees(np.sqrt(np.nanmean(away**2))))
+        found[f"{joint} angle held"] = _held(away, joints.sigma_rad[inside, 0][:, at, 0])
+    return found

@@ -2,7 +2,6 @@
 
     python bench/calibrate_person.py [--seeds 1 41]              rigs: the real network on rendered walks
     python bench/calibrate_person.py --clocks [--seeds 21]       clocks: stamps shifted by what is known; rig known, and unknown
-    python bench/calibrate_person.py --real DATA                 clocks: of pose2sim_single, one camera shifted by whole frames
 
 Of clocks, two cameras keep the even frames and two the odd ones, so that no two neighbours ever look at one time. Constants
 were chosen on the walks of `python -m paper drift`; the coarse search was tried on oracle detections of these walks as well.
@@ -30,7 +29,6 @@ from posefuse.calibration.report import RefusedCalibration
 from posefuse.calibration.rotations import Poses, poses_of
 from posefuse.core import CalibrationError, Camera, Rig
 from posefuse.detection.build import DetectorChoice, build_detector
-from posefuse.formats.pose2d import read_openpose_folder
 from posefuse.formats.rig import read_rig
 from posefuse.pipeline.person_poses import person_in_videos, poses_apart, timeline_of
 from posefuse.sources import VideoConfig
@@ -43,10 +41,8 @@ SESSIONS = Path("out/paper/sessions")
 # by seed: seconds, frames per second, cameras; bodies and paths that are in no fit
 WALKS = {1: (60.0, 30.0, 4), 41: (30.0, 6.0, 4), 42: (30.0, 6.0, 4), 43: (30.0, 6.0, 8)}
 SECONDS = (20.0, 30.0, 60.0)
-# of `pose2sim_single`, and about that of any other walker
+# about that of any walker
 STATURE_M = 1.75
-REAL_RATE_HZ = 60.0
-REFERENCE = Path("calibration") / "Calib_qualisys.toml"
 
 
 def after_similarity(reference: Rig, rig: Rig) -> tuple[np.ndarray, np.ndarray]:
@@ -102,12 +98,6 @@ def outcome(rig: Rig, views: PersonViews, cameras: tuple[Camera, ...], length: K
     }
 
 
-def openpose_tracks(data: Path, rig: Rig) -> tuple[PersonTrack, ...]:
-    """OpenPose's files of each camera."""
-    folders = {name: data / "openpose_json" / f"{name.replace('_', '')}_json" for name in rig.names}
-    return person_tracks({name: list(read_openpose_folder(path, name).frames(REAL_RATE_HZ)) for name, path in folders.items()})
-
-
 # by seed: seconds, and how many of them have to do when the rig is not known; all at 30 Hz
 CLOCK_WALKS = {1: (60.0, 20.0), 21: (12.0, 12.0), 22: (12.0, 12.0), 23: (12.0, 12.0)}
 PHASES = (0, 1, 0, 1)
@@ -119,7 +109,6 @@ LATE_S = {
 }
 DRIFT = (0.0, 50e-6, -50e-6, 0.0)
 MOST_S = 10.0
-SHIFTED_FRAMES = (0, 0, 12, 0)
 
 
 def tracks_of(rig: Rig, session: Path) -> tuple[PersonTrack, ...]:
@@ -201,21 +190,9 @@ def clocks(seeds: Sequence[int]) -> dict[str, list[dict]]:
     return {"Rig known": known, "Person alone": alone_rows}
 
 
-def real_clocks(data: Path) -> dict[str, list[dict]]:
-    """OpenPose's JSON of 1.7 s of a man on a beam, in the marker system's rig."""
-    rig = read_rig(data / REFERENCE)
-    tracks = openpose_tracks(data, rig)
-    late_s = np.array(SHIFTED_FRAMES) / REAL_RATE_HZ
-    cases = {"as it is": np.zeros(4), "cam_03 by 12 frames": late_s}
-    return {"Real footage": [{"shifted": name, **with_rig(rig, tracks, late)} for name, late in cases.items()]}
-
-
 def main() -> None:
-    args = arguments(__doc__, seeds=(int,), clocks=False, real=Path)
-    if args.real:
-        answer(args, real_clocks(args.real))
-    else:
-        answer(args, clocks(args.seeds) if args.clocks else simulated(args.seeds))
+    args = arguments(__doc__, seeds=(int,), clocks=False)
+    answer(args, clocks(args.seeds) if args.clocks else simulated(args.seeds))
 
 
 if __name__ == "__main__":

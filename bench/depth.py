@@ -15,20 +15,20 @@ an axis is below two stated standard deviations (95 % when it is honest). One JS
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import replace
 from itertools import product
 from pathlib import Path
 
 import numpy as np
 from harness import JOINTS, Use, answer, arguments, covariances, errors, note, rendered, scene_from, score, tracked, truth_of
-from scenes import circle, new_tracker, view_of
+from scenes import circle
 
-from posefuse.core import Detections2D, JointCentres, Pose3D, Rig, Truth
+from posefuse.core import Detections2D, LiveJointCentres, Pose3D, Recording, Truth
 from posefuse.detection import with_depth
 from posefuse.detection.build import DetectorChoice, build_detector
 from posefuse.evaluation.metrics import true_xyz_at
 from posefuse.formats.image_folders import DepthFolder
-from posefuse.tracking import LearntLengths, at_joint_centres
+from posefuse.realtime.config import LiveConfig
+from posefuse.realtime.estimator import warmed_up
 from posefuse_sim.scene import Scene
 from posefuse_sim.session import SessionPaths
 
@@ -52,14 +52,16 @@ def scene(seed: int, frames: int, depth: dict[str, float], rate_hz: float, use: 
     return scene_from({**about, "cameras": cameras, "people": [person]}, use)
 
 
-def live_poses(frames: Sequence[Detections2D], rig: Rig, table: JointCentres) -> list[Pose3D]:
-    """The live tracker's pose `LATE_S` after each view, moved to joint centres by the table."""
-    tracker, lengths, poses = new_tracker(rig, frames[0].skeleton), LearntLengths(table), []
-    for one in frames:
-        tracker.add(one)
-        pose = tracker.at(one.t_ns + round(LATE_S * 1e9))
-        poses.append(at_joint_centres(pose, table, lengths.step(pose)))
-    return poses
+def live_poses(recording: Recording) -> Iterator[Pose3D]:
+    """The live tracker's pose `LATE_S` after each view of a recording, at joint centres."""
+    log, rig = recording.observations, recording.rig
+    estimator = warmed_up(rig, log.skeleton, LiveConfig(body="off"))
+    table = build_detector(DetectorChoice(), rig).joint_centres
+    estimator.centring.learn(LiveJointCentres(t_ns=0, cameras=rig.names, table=table))
+    views = [log.detections(i) for i in np.flatnonzero(log.n_detections)]
+    for one in sorted(views, key=lambda view: view.t_ns):
+        estimator.tracker.add(one)
+        yield estimator.placed(estimator.tracker.at(one.t_ns + round(LATE_S * 1e9)))
 
 
 def figures(poses: Sequence[Pose3D], truth: Truth) -> dict[str, float]:
@@ -94,10 +96,7 @@ def network_rows(session: Path) -> Iterator[Row]:
         skipped = {f"cameras__{name}__skip": True for name in truth.rig.names if name not in used}
         done = tracked(session if depth else without_depth(session), **skipped)
         yield {"mode": "recorded"} | about | figures([done.poses.at(i) for i in range(len(done.poses))], truth)
-        frames = [done.observations.detections(i) for i in range(len(done.observations.frame_t_ns))]
-        seen = sorted((one for one in frames if len(one)), key=lambda one: one.t_ns)
-        table = build_detector(DetectorChoice(), done.rig).joint_centres
-        yield {"mode": "live"} | about | figures(live_poses(seen, done.rig, table), truth)
+        yield {"mode": "live"} | about | figures(list(live_poses(done)), truth)
 
 
 def below_the_skin(out: Path) -> list[Row]:
@@ -109,8 +108,10 @@ def below_the_skin(out: Path) -> list[Row]:
         for camera, view in zip(truth.rig, truth.views, strict=True):
             depths = DepthFolder(SessionPaths(session).depth(camera.name))
             for i, t_ns in enumerate(view.t_ns.tolist()):
-                seen = view_of(camera.name, t_ns, truth.skeleton, view.xy_img[i, 0], 1.0, view.visible[i, 0].astype(float))
-                surface = with_depth(replace(seen, box_img=np.zeros((1, 4))), depths.at(t_ns, camera.size_wh)).depth_m
+                score, box = view.visible[i, :1].astype(float), np.zeros((1, 4))
+                parts = {"xy_img": view.xy_img[i, :1], "score": score, "sigma_px": score + 1, "box_img": box}
+                seen = Detections2D(camera=camera.name, t_ns=t_ns, skeleton=truth.skeleton, **parts)
+                surface = with_depth(seen, depths.at(t_ns, camera.size_wh)).depth_m
                 assert surface is not None
                 in_camera = camera.cam_from_world @ true_xyz_at(truth, np.array([t_ns]))[0, 0]
                 slope = np.linalg.norm(in_camera, axis=-1) / in_camera[:, 2]

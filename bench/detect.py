@@ -1,6 +1,6 @@
 """Time of the default detector per image: a table on stderr, one JSON object on stdout.
 
-    python bench/detect.py [--repeat 50]
+    python bench/detect.py [--repeat 50] [--networks blazepose_lite movenet_thunder ...]
 
 Batches of four views with one person each, where the region is known (the usual case), and the worst case of the search: images
 in which no person is found. The time of the networks does not depend on what is in the image.
@@ -52,10 +52,10 @@ def measure(landmarks: str, streams: int, size_wh: tuple[int, int], known: bool,
 
 
 def main() -> None:
-    args = arguments(__doc__, repeat=50)
+    args = arguments(__doc__, repeat=50, networks=OTHERS)
     usual = BlazePoseConfig().landmarks
     cases = [(usual, streams, size, True, args.repeat) for streams in sorted({1, CORES}) for size in SIZES_WH]
-    cases += [(name, CORES, SIZES_WH[0], True, args.repeat) for name in OTHERS]
+    cases += [(name, CORES, SIZES_WH[0], True, args.repeat) for name in args.networks]
     cases.append((usual, CORES, SIZES_WH[0], False, max(3, args.repeat // 10)))
     answer(args, {"Detection per image, four views at once": [measure(*case) for case in cases]})
 

@@ -223,20 +223,19 @@ def arguments(doc: str | None, positional: Sequence[str] = (), **defaults: Any) 
 
     Args:
         defaults: a value; a tuple of values (several are taken); a type, or a tuple of one type (None, or none, unless given);
-            False (a switch); a dictionary (some of its keys, all unless given); a set (some of it, none unless given).
+            False (a switch); a dictionary (some of its keys, all unless given).
     """
     parser = argparse.ArgumentParser(description=doc, formatter_class=argparse.RawDescriptionHelpFormatter)
     for name, default in (defaults | {"write": Path}).items():
         flag = name if name in positional else f"--{name.replace('_', '-')}"
-        several = isinstance(default, tuple | dict | frozenset)
+        several = isinstance(default, tuple | dict)
         value = next(iter(default)) if several else default
-        kept: Any = None if isinstance(value, type) and not several else default
-        kept = () if (isinstance(value, type) and several) or isinstance(default, frozenset) else kept
+        kept: Any = (() if several else None) if isinstance(value, type) else default
         if isinstance(default, bool):
             parser.add_argument(flag, action="store_true")
             continue
         kind = value if isinstance(value, type) else type(value)
-        options: dict[str, Any] = {"choices": sorted(default)} if isinstance(default, dict | frozenset) else {}
+        options: dict[str, Any] = {"choices": sorted(default)} if isinstance(default, dict) else {}
         options |= {"nargs": "*"} if several else {"nargs": "?"} if name in positional and kept is not None else {}
         parser.add_argument(flag, type=kind, default=list(kept) if several else kept, **options)
     return parser.parse_args()

@@ -9,7 +9,7 @@ import signal
 import subprocess
 import threading
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -25,11 +25,10 @@ def loop_s(session: Path) -> float:
 
 
 class Program:
-    """A command whose notes are kept as they come. launch: starts it, with its output in pipes."""
+    """A command whose notes are kept as they come."""
 
-    def __init__(self, command: Sequence[str], launch: Callable[..., subprocess.Popen] | None = None) -> None:
-        start = launch or (lambda *words, **kept: subprocess.Popen(words, stdout=subprocess.PIPE, text=True, **kept))
-        self.process = start(*command, stderr=subprocess.PIPE)
+    def __init__(self, command: Sequence[str]) -> None:
+        self.process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
         self.notes: list[str] = []
         self._news = threading.Condition()
         self._listening = threading.Thread(target=self._listen, daemon=True)

@@ -19,10 +19,9 @@ from itertools import product
 from pathlib import Path
 
 import numpy as np
-from bodies import ARRIVE, MOVES, Trial, seeds_of, trial_session
+from bodies import ARRIVE, MOVES, WARM_UP_S, Trial, seeds_of, trial_session
 from body_figures import skate_mm
 from harness import OUT, Use, answer, arguments, covariances, errors, medians, score
-from scenes import WARM_UP_S
 
 from posefuse.core import Pose3D, PoseSequence, Truth
 from posefuse.core.joint_centres import SEGMENT_ENDS

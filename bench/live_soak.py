@@ -4,14 +4,12 @@
         [--session examples/demo]
 
 A simulated session is played at the pace of the clock, again and again, and recorded; then Ctrl-C. Every few seconds the
-memory of every process is read. Growth is the slope of a straight line through what was read after the warm-up. Latency over
-time is read from the recording: from the exposure of an image until its keypoints were in the tracker, and by how much
-outputs were late. Tables on stderr, one JSON object on stdout.
+memory of every process is read. Growth is the slope of a straight line through what was read after the warm-up. Tables on stderr,
+one JSON object on stdout.
 """
 
 import argparse
 import contextlib
-import itertools
 import re
 import tempfile
 import time
@@ -22,10 +20,9 @@ from harness import DEMO, answer, arguments, live_command
 from live_program import Program, children_of, loop_s, running
 
 from posefuse.formats.rig import read_rig
-from posefuse_ros.bags import read_detections, read_poses
+from posefuse_ros.bags import read_poses
 
 _EVERY_S, _WARM_UP_SHARE, _LEAST_SAMPLES = 5.0, 0.3, 5
-_STRETCHES, _PERCENTILES = 6, (50, 95, 99)
 
 
 # seconds after the session began, the process, and MiB of its memory
@@ -76,30 +73,12 @@ def growth(samples: list[Sample], roles: dict[int, str]) -> list[dict]:
     return [*rows, {"process": "all", **{key: sum(row[key] for row in rows) for key in ("rss_mb", "growth_mb_per_h")}}]
 
 
-def over_time(recording: Path) -> list[dict]:
-    """For equal stretches of the session: images and outputs per second, and what they took, ms."""
-    images = np.array([(view.t_ns, stages["fused"]) for view, stages in read_detections(recording)], np.int64)
-    outputs = np.array([(pose.t_ns, stages["output"]) for pose, stages in read_poses(recording)], np.int64)
-    edges = np.linspace(images[0, 0], images[-1, 0], _STRETCHES + 1).astype(np.int64)
-    rows = []
-    for begin, end in itertools.pairwise(edges.tolist()):
-        seconds = (end - begin) / 1e9
-        seen, late = (some[(some[:, 0] >= begin) & (some[:, 0] < end)] for some in (images, outputs))
-        row = {"minutes": (end - edges[0]) / 60e9, "images_per_s": len(seen) / seconds, "outputs_per_s": len(late) / seconds}
-        for name, times in (("fused_ms", seen), ("output_late_ms", late)):
-            found = np.percentile((times[:, 1] - times[:, 0]) / 1e6, _PERCENTILES)
-            row |= {f"{name} p{share}": value for share, value in zip(_PERCENTILES, found.tolist(), strict=True)}
-        rows.append(row)
-    return rows
-
-
 def main() -> None:
     args = arguments(__doc__, minutes=60.0, cameras=4, groups=0, networks="blazepose_full", session=DEMO)
     with tempfile.TemporaryDirectory() as scratch:
         recording = Path(scratch) / "soak.mcap"
         samples, roles, figures, ended = soak(args, recording)
-        recorded, stretches = sum(1 for _ in read_poses(recording)), over_time(recording)
-        size_mb = recording.stat().st_size / 2**20
+        recorded, size_mb = sum(1 for _ in read_poses(recording)), recording.stat().st_size / 2**20
     facts = {
         "minutes": figures["seconds"] / 60,
         "cameras": args.cameras,
@@ -112,7 +91,7 @@ def main() -> None:
         "p95_ms": figures["latency"]["all_cameras_total_ms"]["p95"],
         "events": len(figures["events"]),
     }
-    answer(args, {"Session": [facts], "Processes": growth(samples, roles), "Over time": stretches})
+    answer(args, {"Session": [facts], "Processes": growth(samples, roles)})
 
 
 if __name__ == "__main__":

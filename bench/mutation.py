@@ -55,7 +55,6 @@ PACKAGES = {
         (
             "tests/pipeline",
             "tests/ros/test_live_recording.py",
-            "tests/pipeline/test_whole_body.py",
             "tests/cli/test_interruptions.py",
             "tests/cli/test_limits.py",
             "tests/truth/test_recorded_pipeline.py",
@@ -63,15 +62,7 @@ PACKAGES = {
     ),
     "teleoperation": (
         tuple(f"packages/posefuse-teleop/src/posefuse_teleop/{name}.py" for name in _GUARDS),
-        (
-            "tests/teleoperation/test_faults.py",
-            "tests/teleoperation/test_follower.py",
-            "tests/teleoperation/test_gate.py",
-            "tests/teleoperation/test_limits.py",
-            "tests/teleoperation/test_mapping.py",
-            "tests/teleoperation/test_mujoco_robot.py",
-            "tests/teleoperation/test_separation.py",
-        ),
+        tuple(f"tests/teleoperation/test_{name}.py" for name in ("faults", "mujoco_robot", *_GUARDS[:5])),
     ),
     "tracking": (("src/posefuse/tracking/**/*.py",), ("tests/tracking", "tests/laws/test_smooth_laws.py")),
 }

@@ -1,6 +1,6 @@
 """Real footage against another pipeline's result: four cameras, a man on a beam, a bystander in view.
 
-    python bench/real_footage.py [--data ../shared/data/pose2sim_single]
+    python bench/real_footage.py [--data ../shared/data/pose2sim_single] [--networks movenet_thunder ...]
 
 The reference (Pose2Sim's triangulation of OpenPose) is another markerless estimate, not the truth: distances show what
 changes for better or worse, not how accurate either is. A table on stderr, one JSON object on stdout.
@@ -14,6 +14,7 @@ from harness import DATA, answer, arguments, note, tracked
 
 from posefuse.core import PoseSequence, Recording
 from posefuse.core.skeleton import pick_keypoints
+from posefuse.detection.build import network_settings
 from posefuse.evaluation.biomechanics import BiomechanicsSettings, joints_of
 from posefuse.evaluation.tracks import plain_name
 from posefuse.formats.trc import read_trc
@@ -75,7 +76,7 @@ def jumps(poses: PoseSequence, names: tuple[str, ...], xyz: np.ndarray) -> int:
 
 
 def main() -> None:
-    args = arguments(__doc__, data=DATA / "pose2sim_single")
+    args = arguments(__doc__, data=DATA / "pose2sim_single", networks=(str,))
     if not (args.data / REFERENCE).is_file():
         note(f"real footage: skipped, there is no {args.data / REFERENCE}")
         print(json.dumps({"skipped": f"no {REFERENCE}"}))
@@ -84,7 +85,7 @@ def main() -> None:
     every = tuple(map(plain_name, reference.names))
     limbs = limbs_of(args.data)
     rows, others = [], []
-    for name, changes in SETTINGS.items():
+    for name, changes in (SETTINGS | {name: network_settings(name) for name in args.networks}).items():
         recording = tracked(args.data, **changes)
         rows.append({"from": name, **row(recording.poses, recording, limbs)})
         if name == "default":

@@ -4,10 +4,10 @@
     python bench/teleoperation.py follow
     python bench/teleoperation.py boxes [--seeds 3]
     python bench/teleoperation.py live --session FOLDER [--networks NAME]
-    python bench/teleoperation.py kill [--repeats 5] [--session FOLDER]
+    python bench/teleoperation.py kill [--repeats 5]
 
 faults, follow and boxes run in simulated time, so that the load of the machine does not matter. FOLDER is a session of
-`posefuse simulate`, for live of examples/scenes/operator.yaml.
+`posefuse simulate` of examples/scenes/operator.yaml.
 """
 
 from __future__ import annotations
@@ -17,7 +17,6 @@ import sys
 import time
 from argparse import Namespace
 from collections import Counter
-from collections.abc import Callable
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
@@ -27,7 +26,7 @@ from harness import Row, answer, arguments, truth_of
 from rehearsal.boxes import move_boxes
 from rehearsal.faults import Outcome, run_many
 from rehearsal.figures import jitter_m, lag_and_rms, rms_jerk, spectral_arc_length
-from rehearsal.killed import OF_OPERATOR, OF_SESSION, Held, of_operator, of_session
+from rehearsal.killed import OF_OPERATOR, Held, of_operator
 from rehearsal.operator import RATE_HZ, MadeUpHand, operated
 from rehearsal.person import HandPath, sine
 from rehearsal.robots import with_joints
@@ -64,13 +63,8 @@ def faults(args: Namespace) -> Tables:
         "breaches": len(total.breaches),
         "kinds": dict(kinds),
     }
-    physics = [
-        {"robot's process": when, "m/s": speed, "m/s2 over 10 ms": fast, "m/s2 over 50 ms": slow}
-        for when, (speed, fast, slow) in zip(("in time", "late"), total.physics, strict=True)
-        if speed
-    ]
     first = [asdict(breach) for breach in total.breaches[:10]]
-    return {"Fault sequences": [{**row, "moved in": total.moved}], "Physics, at most": physics, "First breaches": first}
+    return {"Fault sequences": [{**row, "moved in": total.moved}], "First breaches": first}
 
 
 def smooth(path: np.ndarray, name: str = "") -> Row:
@@ -83,14 +77,13 @@ def lag(hand: np.ndarray, path: np.ndarray) -> Row:
 
 
 def follow(args: Namespace) -> Tables:
-    """Only the times of inverse kinematics depend on the machine."""
+    """How well the robot follows a synthetic hand."""
     about = [{"m/s": speed, "noise_mm": noise_mm} for speed, noise_mm in HANDS]
     return {"Following": [{**one, **followed(sine(one["m/s"]), 1e-3 * one["noise_mm"])} for one in about]}
 
 
 def followed(path: HandPath, noise_m: float) -> Row:
-    made, hand, ik_ms = with_joints(SETTINGS), MadeUpHand(noise_m, seed=1), []
-    made.joints.follow = timed(made.joints.follow, ik_ms)
+    made, hand = with_joints(SETTINGS), MadeUpHand(noise_m, seed=1)
     hands, measured, robot, steps = [], [], [], (0.0, 0.0)
 
     def look(k: int, now_ns: int) -> tuple[Any, tuple[Beat, ...]]:
@@ -112,18 +105,7 @@ def followed(path: HandPath, noise_m: float) -> Row:
         "jitter_mm": 1e3 * jitter_m(np.array(robot)[standing], RATE_HZ),
         **dict(zip(("step_mm", "step_rad"), steps, strict=True)),
         **smooth(seen, "hand_"), **smooth(followed_, "robot_"),
-        **{f"ik_p{share}_ms": float(np.percentile(ik_ms, share)) for share in (50, 99)},
     }  # fmt: skip
-
-
-def timed(call: Callable[..., Any], took_ms: list[float]) -> Callable[..., Any]:
-    def called(*given: Any) -> Any:
-        begun_s = time.perf_counter()
-        found = call(*given)
-        took_ms.append(1e3 * (time.perf_counter() - begun_s))
-        return found
-
-    return called
 
 
 def boxes(args: Namespace) -> Tables:
@@ -184,11 +166,9 @@ def against_truth(table: np.ndarray, truth: Truth) -> list[Row]:
 def kill(args: Namespace) -> Tables:
     """Real processes, one of which is killed while the robot moves."""
     rows = []
-    for fault in OF_SESSION if args.session else OF_OPERATOR:
-        times = [of_session(fault, args.session) if args.session else of_operator(fault) for _ in range(args.repeats)]
-        known = [one for one in times if one is not None]
-        worst = {"median_ms": float(np.median(known)), "worst_ms": max(known)} if known else {}
-        rows.append({"fault": fault, **worst, "moved on in": len(times) - len(known)})
+    for fault in OF_OPERATOR:
+        times_ms = [of_operator(fault) for _ in range(args.repeats)]
+        rows.append({"fault": fault, "median_ms": float(np.median(times_ms)), "worst_ms": max(times_ms)})
     return {"Until the robot stands": rows}
 
 

@@ -7,19 +7,16 @@ import importlib
 import json
 import sys
 from collections.abc import Sequence
-from dataclasses import replace
 from datetime import date
 from pathlib import Path
 
 from paper.experiments.runs import DEVICE, Console, Context, about
+from paper.experiments.summary import EXPERIMENTS, report_of, write_summary
 from paper.experiments.summary import FILE as SUMMARY_FILE
-from paper.experiments.summary import write_summary
 from posefuse.core import ConfigError, PosefuseError
 from posefuse.detection import fetch_networks, network_settings
-from posefuse.formats.page import Facts, Heading, write_page
+from posefuse.formats.page import Facts, Heading, Page, write_page
 from posefuse.foundation import atomic_file, build_plugin, earlier_kept, growing_folder, plain
-
-EXPERIMENTS = ("static", "walking", "latency", "drift", "occlusion", "scaling")
 
 
 def main(words: Sequence[str] | None = None) -> int:
@@ -88,7 +85,8 @@ def _one(name: str, context: Context, out: Path) -> list[Path]:
     facts = about(context)
     page, figures = out / f"{name}.html", out / f"{name}.json"
     with earlier_kept(page):
-        write_page(page, replace(outcome.page, blocks=[*outcome.page.blocks, Heading("How it was made"), Facts(facts)]))
+        made = (Heading("How it was made"), Facts(facts))
+        write_page(page, Page(outcome.title, [*report_of(name, outcome.figures), *outcome.blocks, *made]))
     with earlier_kept(figures), atomic_file(figures) as temporary:
         content = {"experiment": name, "date": str(date.today()), **facts, "figures": plain(outcome.figures)}
         temporary.write_text(json.dumps(content, indent=2) + "\n", encoding="utf-8")

@@ -1,4 +1,4 @@
-"""What would be published, checked: python tools/package.py [--python PYTHON ...] [--minutes N] [--write PAGE] [--no-install]
+"""What would be published, checked: python tools/package.py [--python PYTHON ...] [--write PAGE] [--no-install]
 
 Builds the source distribution and the wheel of posefuse and of each package below packages/ into dist/, lets twine check them,
 and checks the size of the wheel of posefuse. Installs it into empty environments of each Python that is here, without
@@ -53,18 +53,18 @@ def main() -> None:
     """Build, check, try."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--python", action="append", help="Python to try it with (default: those of 3.11 to 3.13 that are here)")
-    parser.add_argument("--minutes", type=float, default=float("inf"), help="begin no installation later than this")
     parser.add_argument("--write", type=Path, metavar="PAGE", help="put the rows into the table of this page")
     parser.add_argument("--no-install", action="store_true", help="build and check only")
     options = parser.parse_args()
     wheels = build()
     if not options.no_install:
-        found = try_everywhere(wheels, options.python or present_pythons(), options.minutes)
-        for name, rows in found.items():
-            print(f"\n{markdown(COLUMNS[name], rows)}")
+        tried = [try_installed(wheels, *one) for one in product(options.python or present_pythons(), RESOLUTIONS)]
+        for name, columns in COLUMNS.items():
+            rows = [found[name] for found in tried]
+            print(f"\n{markdown(columns, rows)}")
             if options.write:
                 write(options.write, name, rows)
-        every = [row for rows in found.values() for row in rows]
+        every = [row for found in tried for row in found.values()]
         if failed := [row for row in every if "failed" in row]:
             raise SystemExit(f"{len(failed)} of {len(every)} installations do not work")
 
@@ -87,33 +87,15 @@ def build() -> list[Path]:
 
 
 def present_pythons() -> list[str]:
-    """Those of `PYTHONS` that are on the path or that pyenv keeps."""
-    found = {version: next(_working(version), None) for version in PYTHONS}
-    missing = [version for version, path in found.items() if path is None]
-    if missing:
+    """Those of `PYTHONS` that uv finds on the path, or among those that pyenv keeps."""
+    find = [sys.executable, "-m", "uv", "python", "find", "--system", "--no-python-downloads"]
+    # before the stand-ins of pyenv, which are there for versions that it has not chosen
+    kept = Path(os.environ.get("PYENV_ROOT", Path.home() / ".pyenv")).glob("versions/*/bin")
+    place = os.environ | {"PATH": os.pathsep.join([*map(str, kept), os.environ["PATH"]])}
+    found = {version: subprocess.run([*find, version], env=place, capture_output=True, text=True) for version in PYTHONS}
+    if missing := [version for version, done in found.items() if done.returncode]:
         print(f"not tried, because not on this machine: Python {', '.join(missing)}")
-    return [path for path in found.values() if path is not None]
-
-
-def _working(version: str) -> Iterator[str]:
-    """Paths of that Python; a stand-in of a version manager that has no such Python does not count."""
-    kept = Path(os.environ.get("PYENV_ROOT", Path.home() / ".pyenv")) / "versions"
-    for path in (shutil.which(f"python{version}"), *map(str, sorted(kept.glob(f"{version}.*/bin/python")))):
-        if path and subprocess.run([path, "--version"], capture_output=True, check=False).returncode == 0:
-            yield path
-
-
-def try_everywhere(wheels: list[Path], pythons: list[str], minutes: float) -> dict[str, list[list[str]]]:
-    """Try the wheels with every Python and choice of versions, as far as the time reaches; rows of the tables by name."""
-    end_s = time.monotonic() + 60 * minutes
-    found: dict[str, list[list[str]]] = {name: [] for name in COLUMNS}
-    for chosen, python in product(RESOLUTIONS, pythons):
-        if time.monotonic() < end_s:
-            for name, row in try_installed(wheels, python, chosen).items():
-                found[name].append(row)
-        else:
-            print(f"not tried, because the {minutes:g} minutes are over: {python}, {chosen} versions")
-    return found
+    return [done.stdout.strip() for done in found.values() if not done.returncode]
 
 
 def write(page: Path, name: str, rows: list[list[str]]) -> None:

@@ -4,26 +4,26 @@ from __future__ import annotations
 
 import tempfile
 import warnings
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
 
-from posefuse.calibration.targets.kinds import Markers, dictionary_of, write_target
+from posefuse.calibration.targets.kinds import Markers, write_target
 from posefuse.cli.command_line import parse
 from posefuse.cli.terminal import Terminal
-from posefuse.core import CalibrationError, Camera, Rig
-from posefuse.core.arrays import Array
-from posefuse.formats.rig import read_rig, write_rig
+from posefuse.core import CalibrationError
+from posefuse.formats.rig import read_rig
+from posefuse.foundation.settings import settings_from_mapping
+from posefuse_sim import Scene, SessionPaths, simulate
 
-from .sessions import errors, ring
+from .sessions import errors
 from .verdict import GOOD, Answer, Case
-from .waved_props import Waving, cube
 
 _WRONG = 1e6
 SIDE_M, EDGE_M, RATE_HZ, SECONDS = 0.28, 0.36, 8.0, 7.0
-_GREY, _QUIET, _CELL_PX = 150, 1, 24
 
 
 @dataclass(frozen=True)
@@ -31,7 +31,7 @@ class Look:
     """How the images are made.
 
     Attributes:
-        exposure_s: the prop moves on meanwhile. mirrored: cameras whose images are flipped. inverted: print.
+        exposure_s: the prop moves on meanwhile. mirrored: cameras whose images are flipped. inverted: colours.
         blurred: cameras that are out of focus, by `focus_px`. dictionary: of the print.
     """
 
@@ -57,85 +57,47 @@ class _Recorded(Terminal):
         self.words.append(f"warning: {text}")
 
 
-def room(seed: int) -> Rig:
-    """Three cameras near each other, without distortion, since the markers are drawn by homographies."""
-    rig = ring(8, seed, radius_m=2.6)
-    picked = (replace(rig.cameras[i], name=f"cam{i:02d}", distortion=np.zeros(0)) for i in range(3))
-    return Rig(tuple(picked), world_set_by="truth")
+def scene_of(seed: int, look: Look) -> Scene:
+    """A cube of markers waved before three cameras near each other."""
+    random, cameras = np.random.default_rng([seed, 7]), []
+    for i in range(3):
+        angle = 2 * np.pi * i / 8 + random.uniform(-0.15, 0.15)
+        place: dict[str, Any] = {"position_m": [2.6 * np.cos(angle), 2.6 * np.sin(angle), random.uniform(1.9, 2.5)]}
+        image = {"size_px": [640, 480], "horizontal_fov_deg": random.uniform(57, 60)}
+        sensor = {"noise_dn": 1.5, "exposure_s": look.exposure_s}
+        cameras.append({"name": f"cam{i:02d}", **place, "look_at_m": [0, 0, 1.0], "image": image, "sensor": sensor})
+    path = {"kind": "waved", "extent_m": [1.2, 1.2, 0.8], "speed_mps": 0.4}
+    cube = {"kind": "aruco_cube", "side_m": EDGE_M, "marker_m": SIDE_M, "dictionary": look.dictionary, "path": path}
+    about = {"duration_s": SECONDS, "rate_hz": RATE_HZ, "seed": seed, "record": {"kind": "jpeg"}}
+    return settings_from_mapping(
+        {**about, "cameras": {"kind": "list", "cameras": cameras}, "props": [cube]}, Scene, where="faults"
+    )
 
 
-def render(camera: Camera, t_s: float, motion: Waving, look: Look) -> Array:
-    """Grey image (H, W) of the cube of markers."""
-    moments = t_s + np.linspace(0.0, look.exposure_s, 6 if look.exposure_s else 1)
-    return np.asarray(np.mean([_moment(camera, t, motion, look) for t in moments], axis=0).astype(np.uint8))
+def spoiled(folder: Path, camera: int, look: Look) -> None:
+    """Change the images of a camera in place."""
+    for path in sorted(folder.glob("*.jpg")):
+        image = cv2.imread(str(path))
+        image = 255 - image if look.inverted else image
+        image = cv2.GaussianBlur(image, (0, 0), look.focus_px) if camera in look.blurred else image
+        cv2.imwrite(str(path), image[:, ::-1] if camera in look.mirrored else image)
 
 
-def _moment(camera: Camera, t_s: float, motion: Waving, look: Look) -> Array:
-    width, height = (2 * side for side in camera.size_wh)
-    image = np.full((height, width), _GREY, np.uint8)
-    world_from_prop = motion.pose(np.array([t_s]))[0]
-    dictionary = dictionary_of(look.dictionary)
-    for marker, prop_from_marker in cube(EDGE_M).items():
-        world_from_marker = world_from_prop @ prop_from_marker
-        if (camera.centre_world - world_from_marker.xyz) @ world_from_marker.matrix()[:, 2] <= 0:
-            continue
-        modules = dictionary.markerSize + 2 + 2 * _QUIET
-        sheet = np.full((modules * _CELL_PX,) * 2, 255, np.uint8)
-        inner = slice(_QUIET * _CELL_PX, -_QUIET * _CELL_PX)
-        sheet[inner, inner] = dictionary.generateImageMarker(marker, (modules - 2 * _QUIET) * _CELL_PX)
-        half = SIDE_M / 2 * modules / (modules - 2 * _QUIET)
-        corners = half * np.array([[-1, 1, 0], [1, 1, 0], [1, -1, 0], [-1, -1, 0.0]])
-        xy = camera.project(world_from_marker @ corners)
-        if not np.isfinite(xy).all():
-            continue
-        side = modules * _CELL_PX
-        source = np.array([[0, 0], [side, 0], [side, side], [0, side]], np.float32) - 0.5
-        warp = cv2.getPerspectiveTransform(source, (2 * xy + 0.5).astype(np.float32))
-        drawn = cv2.warpPerspective(255 - sheet if look.inverted else sheet, warp, (width, height), flags=cv2.INTER_AREA)
-        mask = cv2.warpPerspective(np.full_like(sheet, 255), warp, (width, height)) > 127
-        image[mask] = drawn[mask]
-    return cv2.resize(image, camera.size_wh, interpolation=cv2.INTER_AREA)
-
-
-def _motion(seed: int) -> Waving:
-    return Waving(seconds=SECONDS, rate_hz=RATE_HZ, seed=seed, reach_m=(0.6, 0.6, 0.4), swings_hz=0.12)
-
-
-def _film(folder: Path, rig: Rig, seed: int, look: Look) -> list[str]:
-    """Images of all cameras; the words for the command line."""
-    random = np.random.default_rng([seed, 9])
-    for c, camera in enumerate(rig):
-        (folder / camera.name).mkdir()
-        rows = ["file,t_s"]
-        for i in range(round(SECONDS * RATE_HZ)):
-            image = render(camera, i / RATE_HZ, _motion(seed), look).astype(np.float64)
-            image = cv2.GaussianBlur(image, (0, 0), look.focus_px if c in look.blurred else 0.6)
-            image = np.clip(image + random.normal(0, 1.5, image.shape), 0, 255).astype(np.uint8)
-            cv2.imwrite(str(folder / camera.name / f"{i:03d}.jpg"), image[:, ::-1] if c in look.mirrored else image)
-            rows.append(f"{i:03d}.jpg,{i / RATE_HZ:.6f}")
-        (folder / camera.name / "timestamps.csv").write_text("\n".join(rows) + "\n")
-    return [f"{camera.name}={folder / camera.name}" for camera in rig]
-
-
-def calibrate_films(seed: int, look: Look, ids: tuple[int, ...] = (), settings: str = "") -> Answer:
+def calibrate_images(seed: int, look: Look, ids: tuple[int, ...] = (), settings: str = "") -> Answer:
     """Render, run `posefuse calibrate extrinsics`, and compare."""
-    truth = room(seed)
     with tempfile.TemporaryDirectory() as name:
-        folder, terminal = Path(name), _Recorded()
-        inputs = _film(folder, truth, seed, look)
-        write_rig(folder / "lenses.toml", truth)
+        folder, terminal, session = Path(name), _Recorded(), SessionPaths(Path(name) / "session")
+        simulate(scene_of(seed, look), session.folder, processes=1)
+        truth = read_rig(session.rig)
+        inputs = [session.videos / camera for camera in truth.names]
+        for i, images in enumerate(inputs):
+            spoiled(images, i, look)
         if settings:
             (folder / "posefuse.toml").write_text(settings)
-        common = (
-            "--intrinsics",
-            str(folder / "lenses.toml"),
-            "--target",
-            str(write_target(folder / "cube.toml", Markers(SIDE_M, ids=ids))),
-            "--out",
-            str(folder / "rig.toml"),
-        )
+        target = write_target(folder / "cube.toml", Markers(SIDE_M, ids=ids))
+        common = ("--intrinsics", str(session.rig), "--target", str(target), "--out", str(folder / "rig.toml"))
         try:
-            invocation = parse(["calibrate", "extrinsics", *inputs, *common])
+            invocation = parse(["calibrate", "extrinsics", *(f"{images.name}={images}" for images in inputs), *common])
             assert invocation is not None
             with warnings.catch_warnings(record=True) as warned:
                 warnings.simplefilter("always", UserWarning)
@@ -150,7 +112,7 @@ def calibrate_films(seed: int, look: Look, ids: tuple[int, ...] = (), settings: 
 
 
 def _case(name: str, cause: str, look: Look, ids: tuple[int, ...] = (), settings: str = "", group: str = "images") -> Case:
-    return Case(name, group, cause, lambda seed: calibrate_films(seed, look, ids, settings))
+    return Case(name, group, cause, lambda seed: calibrate_images(seed, look, ids, settings))
 
 
 STALE = "[cameras.cam01]\noffset_s = 0.1\n"

@@ -193,19 +193,16 @@ class Outcome:
     """What sequences did.
 
     Attributes:
-        breaches: what was broken. moved: in how many sequences the robot moved. physics: (2, 3) largest speed, and acceleration
-            over 10 and 50 ms, of the simulated end effectors; where the robot's process was in time, and where it was late.
+        breaches: what was broken. moved: in how many sequences the robot moved.
     """
 
     breaches: list[Breach] = field(default_factory=list)
     moved: int = 0
-    physics: Any = field(default_factory=lambda: np.zeros((2, 3)))
 
     def add(self, other: Outcome) -> None:
         """Count another outcome in."""
         self.breaches += other.breaches
         self.moved += other.moved
-        self.physics = np.maximum(self.physics, other.physics)
 
 
 def run_sequence(begin: World, seed: int, limits: TeleoperationSettings | None = None) -> Outcome:
@@ -225,9 +222,7 @@ def run_sequence(begin: World, seed: int, limits: TeleoperationSettings | None =
         tick(world, active)
         moved = moved or world.driver.follower.moves[0].speed > 0.05
         judge.look(world)
-    physics = np.zeros((2, 3))
-    physics[int(any(fault.kind == "robot process late" for fault in faults))] = judge.physics
-    return Outcome(breaches=judge.breaches, moved=int(moved), physics=physics)
+    return Outcome(breaches=judge.breaches, moved=int(moved))
 
 
 def run_many(

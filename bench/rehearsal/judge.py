@@ -34,10 +34,10 @@ class Breach:
 
 
 class Judge:
-    """Looks at the true motion of the robot only: commanded joints, the end effectors they give by MuJoCo, and its physics.
+    """Looks at the true motion of the robot only: commanded joints, the end effectors they give by MuJoCo.
 
     Attributes:
-        breaches: what was broken, in words. physics: largest speed, and acceleration over 10 and 50 ms, of the simulated body.
+        breaches: what was broken, in words.
     """
 
     def __init__(self, world: World, settings: TeleoperationSettings, sequence: int) -> None:
@@ -46,11 +46,8 @@ class Judge:
         self._body = _JudgedBody(world) if hasattr(world.robot, "joints") else None
         self._xyz: deque[Array] = deque(maxlen=3)
         self._q: deque[Array] = deque(maxlen=3)
-        self._real: deque[Array] = deque(maxlen=11)
         self._near_s = self._blocked_s = 0.0
-        self._held = False
         self.breaches: list[Breach] = []
-        self.physics = np.zeros(3)
 
     def look(self, world: World) -> None:
         """Judge one more control period."""
@@ -62,7 +59,8 @@ class Judge:
         if not np.isfinite(xyz).all() or (xyz < low - 1e-9).any() or (xyz > high + 1e-9).any():
             self._note(t_s, f"box {xyz}")
         if self._body:
-            self._look_at_body(world, self._body)
+            for what in self._body.problems(self._q, limits):
+                self._note(t_s, what)
         if len(self._xyz) < 3:
             return
         before, last, now = self._xyz
@@ -92,22 +90,6 @@ class Judge:
         self._blocked_s = self._blocked_s + TICK_S if world.blocked and self._off(world) else 0.0
         if self._blocked_s > STANDING_S and moves:
             self._note(t_s, f"following: is commanded at {speed:.3f} while the robot does not follow")
-
-    def _look_at_body(self, world: World, body: _JudgedBody) -> None:
-        limits, t_s = self._limits, world.t_s
-        for what in body.problems(self._q, limits):
-            self._note(t_s, what)
-        self._real.append(body.real(world))
-        if world.blocked:
-            # what holds the robot lets it spring back
-            self._held = True
-        if len(self._real) >= 3 and not self._held:
-            a, b, c = (self._real[i] for i in (-3, -2, -1))
-            self.physics[0] = max(self.physics[0], _most(c - b) / TICK_S)
-            self.physics[1] = max(self.physics[1], _most(c - 2 * b + a) / TICK_S**2)
-        if len(self._real) == 11 and not self._held:
-            a, b, c = self._real[0], self._real[5], self._real[10]
-            self.physics[2] = max(self.physics[2], _most(c - 2 * b + a) / (5 * TICK_S) ** 2)
 
     def _off(self, world: World) -> bool:
         return bool(np.abs(world.robot.data.qpos[world.robot.joints.chain.qpos] - world.driver.state.q_rad).max() > 0.36)
@@ -139,10 +121,6 @@ class _JudgedBody:
         self._data.qpos[self._chain.qpos] = world.driver.state.q_rad
         self._mj.mj_kinematics(self._model, self._data)
         return np.array(self._place @ self._data.site_xpos[self._sites])
-
-    def real(self, world: World) -> Array:
-        """(H, 3) end effectors of the physics."""
-        return np.array(self._place @ world.robot.data.site_xpos[self._sites])
 
     def problems(self, q: deque[Array], limits: Any) -> list[str]:
         """Limits of the newest joints, of which `ends` has just placed the last."""

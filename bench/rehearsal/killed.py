@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-import contextlib
 import itertools
 import multiprocessing
 import os
-import re
 import signal
 import tempfile
 import time
@@ -15,16 +13,11 @@ from pathlib import Path
 
 import numpy as np
 
-import posefuse as pf
-from posefuse.api.live import LiveSession
-from posefuse.formats.rig import read_rig
 from posefuse_ros.bags import read_mcap
 from posefuse_ros.messages import ns_from_time
-from posefuse_sim.session import SessionPaths
 from posefuse_teleop.gate import Beat
 from posefuse_teleop.process import RobotLink, RobotPlan
-from posefuse_teleop.session import Operator
-from posefuse_teleop.settings import MappingSettings, RobotSettings, TeleoperationSettings
+from posefuse_teleop.settings import TeleoperationSettings
 from posefuse_teleop.switches import Pressed
 from posefuse_teleop.values import OperatorView, Order, Phase
 
@@ -34,15 +27,6 @@ OF_OPERATOR = {
     "operator's process stopped (-STOP)": signal.SIGSTOP,
     SILENT: None,
 }
-# of each: the words of the session's news that name the process, and the signal
-OF_SESSION = {
-    "session's process (fusion) killed": ("", signal.SIGKILL),
-    "process of all cameras killed": (r"cameras [^;]* in process (\d+)", signal.SIGKILL),
-    "process of all cameras stopped, as by a cut link": (r"cameras [^;]* in process (\d+)", signal.SIGSTOP),
-    "process of the outputs killed": (r"outputs [^;]* in process (\d+)", signal.SIGKILL),
-    "process of the rig watch killed": (r"rig watched in process (\d+)", signal.SIGKILL),
-}
-_MOVING_MPS, _ENGAGED_S, _AFTER_S, _LONGEST_S = 0.2, 1.0, 1.5, 60.0
 _STILL_M = 1e-7
 
 
@@ -95,12 +79,8 @@ def of_operator(fault: str) -> float:
         return last_motion_ms(record, fault_ns)
 
 
-def _runs(pid: int, sent: int = 0) -> bool:
-    try:
-        os.kill(pid, sent)
-    except OSError:
-        return False
-    return True
+def _runs(pid: int) -> bool:
+    return Path(f"/proc/{pid}").exists()
 
 
 def _drive(record: Path, sending: Connection, silent: bool) -> None:
@@ -119,60 +99,3 @@ def _drive(record: Path, sending: Connection, silent: bool) -> None:
             about = {"seq": seq, "sent_ns": time.monotonic_ns(), "phase": Phase.ENGAGED, "speed_mps": 0.5}
             target = link.state.xyz_world + [0.1, 0.0, 0.0]
             link.send(Order(**about, xyz_world=target, wxyz=link.state.wxyz, grip=np.array([False])))
-
-
-class _Done(Exception):
-    pass
-
-
-def of_session(fault: str, session: Path) -> float | None:
-    """The same of a process of a whole session that an oracle detector serves; None: the robot continued moving.
-
-    Raises:
-        RuntimeError: the robot never moved.
-    """
-    (pattern, sent), seen = OF_SESSION[fault], dict[str, float]()
-    oracle = {"name": "oracle", "options": {"truth": str(SessionPaths(session).truth), "noise": {"sigma_px": 1.0}}}
-    # half the way of a walking person's hand, so that the robot can follow
-    settings = TeleoperationSettings(
-        mapping=MappingSettings(scale=0.3), robot=RobotSettings(position_xy_m=(2.5, 0.0), shared=False)
-    )
-    live = pf.live(read_rig(SessionPaths(session).rig), [f"sim:{session}"], settings={"detector": oracle, "groups": 1})
-
-    def watch(operator: Operator, order: Order | None) -> None:
-        now_s = time.monotonic()
-        begun_s = seen.setdefault("begun_s", now_s)
-        if "fault_ns" in seen:
-            if now_s - seen["fault_s"] > _AFTER_S:
-                raise _Done
-            return
-        if now_s - begun_s > _LONGEST_S:
-            raise RuntimeError("the robot did not move")
-        engaged = operator.gate.phase == "engaged"
-        seen["engaged_s"] = seen.get("engaged_s", now_s) if engaged else now_s
-        moves = operator.robot is not None and np.linalg.norm(operator.robot.velocity_world) > _MOVING_MPS
-        if engaged and moves and now_s - seen["engaged_s"] > _ENGAGED_S:
-            seen.update(fault_ns=time.time_ns(), fault_s=now_s, pid=_process(live, pattern))
-            os.kill(seen["pid"], sent)
-
-    with tempfile.TemporaryDirectory() as folder:
-        record = Path(folder) / "robot.mcap"
-        with contextlib.suppress(_Done):
-            pf.teleoperate(live, deadman=Held(0.5), settings=settings, record=record, watch=watch)
-        if sent is signal.SIGSTOP and "pid" in seen:
-            # it has outlived its session
-            _runs(seen["pid"], signal.SIGKILL)
-        if "fault_ns" not in seen:
-            raise RuntimeError("the session ended before the robot moved")
-        standing_ms = last_motion_ms(record, seen["fault_ns"])
-    # closing the session makes the robot brake, too
-    return standing_ms if standing_ms < 900 * _AFTER_S else None
-
-
-def _process(live: LiveSession, pattern: str) -> int:
-    if not pattern:
-        return int(live.pid or 0)
-    found = [int(match[1]) for line in live.news if (match := re.search(pattern, line))]
-    if not found:
-        raise RuntimeError(f"no process {pattern!r} in {live.news}")
-    return found[0]

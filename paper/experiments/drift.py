@@ -7,11 +7,11 @@ from typing import Any
 
 import numpy as np
 
-from paper.scenes.inertial import SENSORS, SuitNoise, drift, suit_joints
+from paper.scenes.inertial import Drift, SuitNoise, drift, suit_joints
 from paper.scenes.scenes import PATHS, path_scene
 from posefuse.core import PAPER14, Array, pick_keypoints
 from posefuse.evaluation import true_xyz_at
-from posefuse.formats.page import Block, Facts, Heading, Images, Line, Page, Plot, Plots, Table
+from posefuse.formats.page import Block, Facts, Heading, Images, Line, Plot, Plots, Table
 
 from .runs import Context, Outcome, run_scene
 from .tables import drawn_images
@@ -24,15 +24,7 @@ _PELVIS = PAPER14.keypoints.index("mid_hip")
 def run(context: Context) -> Outcome:
     """Pelvis of all three paths from cameras and from the suit."""
     noise = SuitNoise()
-    blocks: list[Block] = [
-        Heading(
-            "The suit",
-            f"{SENSORS} sensors simulated from the truth; it chains segments from the standing foot (zero-velocity updates). "
-            "Errors as published for such sensors, see paper/scenes/inertial.py. Drawn: the run of median drift of "
-            f"{_SUIT_SEEDS} suits.",
-        ),
-        Facts({name: f"{value:g}" for name, value in vars(noise).items()}),
-    ]
+    blocks: list[Block] = [Heading("The suit"), Facts({name: f"{value:g}" for name, value in vars(noise).items()})]
     figures: dict[str, Any] = {"paths": {}, "suit": vars(noise), "suits": _SUIT_SEEDS}
     for path in PATHS:
         done = run_scene(f"drift-{path}", path_scene(path, _QUICK_S if context.quick else _FULL_S), context)
@@ -53,42 +45,24 @@ def run(context: Context) -> Outcome:
             "vision": {**of_vision, "mean_mm": 1000 * float(np.nanmean(vision.error_m))},
             "suit": {**of_suit, "end_m_of_all": [float(np.min(ends)), float(np.max(ends))]},
         }
-        rate_hz = 1e9 / np.median(np.diff(truth.t_ns))
-        drawn = _drawn(true, seen, exact, suit, (t_ns - t_ns[0]) / 1e9, (truth.t_ns - truth.t_ns[0]) / 1e9, vision, worn)
-        blocks += [
-            Heading(
-                path.replace("_", " "),
-                f"{vision.walked_m[-1]:.0f} m in {t_ns[-1] / 1e9:.0f} s, cameras at {rate_hz:.0f} Hz (drift is error over "
-                "distance walked, so their rate does not matter).",
-            ),
-            Plots(drawn),
-            Images(drawn_images(done, 0, [len(poses) // 3, 2 * len(poses) // 3], 380)),
-        ]
-    blocks += [
-        Heading(
-            "Summary", "Horizontal distance of the pelvis from the truth; drift is the slope of that over the distance walked."
-        ),
-        Table(["path", "walked m", "cameras mm/m", "suit mm/m", "cameras: end mm", "suit: end mm"], path_rows(figures)),
-    ]
-    return Outcome(figures, Page("Drift: cameras compared with an inertial suit", blocks))
+        drawn = _drawn(true, seen, suit, vision, worn)
+        moments = [len(poses) // 3, 2 * len(poses) // 3]
+        blocks += [Heading(path.replace("_", " ")), Plots(drawn), Images(drawn_images(done, 0, moments, 380))]
+    return Outcome("Drift: cameras compared with an inertial suit", figures, blocks)
 
 
-def path_rows(figures: Mapping[str, Any]) -> list[list[Any]]:
+def report(figures: Mapping[str, Any]) -> list[Block]:
     """Path, metres walked, drift of cameras and suit, error at the end of both in mm."""
+    columns = ["path", "walked m", "drift mm per m", "suit: drift mm per m", "error at the end mm", "suit: error at the end mm"]
     rows = []
     for path, one in figures["paths"].items():
         both = one["vision"], one["suit"]
         drifts, ends = [each["drift_mm_per_m"] for each in both], [1000 * each["end_m"] for each in both]
         rows.append([path.replace("_", " "), one["distance_m"], *drifts, *ends])
-    return rows
+    return [Heading("Drift on three paths, compared with a simulated inertial suit"), Table(columns, rows)]
 
 
-def _drawn(true: Array, seen: Array, exact: Array, suit: Array, t_s: Array, suit_s: Array, vision: Any, worn: Any) -> list[Plot]:
-    lines = (("truth", suit_s, exact), ("cameras", t_s, seen), ("suit", suit_s, suit))
-    over_time = [
-        Plot(f"{axis} over time", [Line(name, at_s, xyz[:, a]) for name, at_s, xyz in lines], x_label="s", y_label="m")
-        for a, axis in enumerate("xy")
-    ]
+def _drawn(true: Array, seen: Array, suit: Array, vision: Drift, worn: Drift) -> list[Plot]:
     paths = [Line(name, xyz[:, 0], xyz[:, 1]) for name, xyz in (("truth", true), ("cameras", seen), ("suit", suit))]
     error = [
         Line("cameras", vision.walked_m, 1000 * vision.error_m, colour="c1"),
@@ -96,6 +70,5 @@ def _drawn(true: Array, seen: Array, exact: Array, suit: Array, t_s: Array, suit
     ]
     return [
         Plot("From above", paths, x_label="x, m", y_label="y, m", equal=True),
-        *over_time,
         Plot("Error", error, x_label="distance walked, m", y_label="mm", from_zero=True),
     ]

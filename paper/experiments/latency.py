@@ -22,7 +22,7 @@ from paper.scenes import paper
 from paper.scenes.scenes import walking_scene
 from posefuse.core import Array, SourceError
 from posefuse.formats import read_rig, read_video
-from posefuse.formats.page import Block, Facts, Heading, Line, Page, Plot, Plots, Spikes, Table
+from posefuse.formats.page import Block, Heading, Note, Plot, Plots, Spikes, Table
 from posefuse.foundation import usable_cores
 from posefuse.outputs.live import JsonConfig
 from posefuse.realtime import LiveConfig, LivePlan, ViewTimes, inputs_from_arguments, run_live
@@ -51,8 +51,12 @@ def run(context: Context) -> Outcome:
         live = live_times(folder, one, seconds, scene.duration_s)
         alone_ms = {name: decode_ms(SessionPaths(folder).video(name)) for name in live.cameras}
         found[device] = {"processor": processor_of(device), **live_figures(live, alone_ms)}
-        blocks += live_blocks(live, found[device], device)
-    return Outcome({"live": found}, Page("Latency", [*processor_blocks(found), *blocks]))
+        about = (
+            "One spike per view, at its exposure and as high as its latency, its stages on top of each other; one second in the "
+            "middle."
+        )
+        blocks += [Heading(f"Live, {device}: spikes over time", about), Plots(spike_plots(live))]
+    return Outcome("Latency", {"live": found}, blocks)
 
 
 def _scene(context: Context) -> Scene:
@@ -207,37 +211,6 @@ def passages(
     return np.array(camera, np.int64), (passed_ns - zero_ns) / 1e9
 
 
-def processor_rows(figures: Mapping[str, Mapping[str, Any]]) -> tuple[list[str], list[list[Any]]]:
-    """Columns and rows of the processors, mean ms of all cameras, and of those of the paper."""
-    rows = []
-    for device, one in figures.items():
-        ms = one["all_cameras_ms"]
-        means = [ms[stage]["mean"] for stage in ("2D", "fuse, track", "total")]
-        rows.append([device, one["processor"], *means, ms["total"]["p95"], 100 * one["used_share"]])
-    theirs = [
-        ["paper", f"the {which} of three GPUs", ms, paper.TRIANGULATE_MS, None, None, None]
-        for which, ms in zip(("fastest", "slowest"), paper.DETECT_MS, strict=True)
-    ]
-    return ["device", "processor", "2D", "fuse, track", "end to end", "p95", "% of frames used"], [*rows, *theirs]
-
-
-def processor_blocks(figures: Mapping[str, Mapping[str, Any]]) -> list[Block]:
-    """The processors next to each other."""
-    return [
-        Heading("By processor, mean ms", "Of all cameras; the paper states 2D per frame and triangulation."),
-        Table(*processor_rows(figures)),
-    ]
-
-
-_TEXT = (
-    "The video of every camera, played in real time into `posefuse live`; every view is stamped on one clock. capture: from "
-    "mid-exposure until the decoded image is in its process (decoding included; a real camera adds readout and transport). "
-    "wait: for the detector to be free. 2D: the detector. fuse, track: to the fusion process and into the tracker, which takes "
-    "views one by one. output: until the next output tick (100 Hz) has its pose. send: until another program has received it by "
-    f"UDP. The first {SETTLED_S:g} s, in which the person is searched for, are left out."
-)
-
-
 def live_figures(live: LiveTimes, alone_ms: Mapping[str, float]) -> dict[str, Any]:
     """Times per camera and stage.
 
@@ -259,52 +232,48 @@ def live_figures(live: LiveTimes, alone_ms: Mapping[str, float]) -> dict[str, An
     return {"used_share": live.used_share, "output_hz": live.output_hz, "all_cameras_ms": together, "cameras": cameras}
 
 
-def live_blocks(live: LiveTimes, figures: Mapping[str, Any], device: str) -> list[Block]:
-    """Averages per camera as a table with those of the paper, spikes over time."""
-    cameras = figures["cameras"]
-    theirs = [
-        [f"paper, {name} GPU", paper.CAPTURE_MS, 0.0, ms, paper.TRIANGULATE_MS, 0.0, 0.0, *[None] * 5]
-        for name, ms in zip(("best", "slowest"), paper.DETECT_MS, strict=True)
+def report(figures: Mapping[str, Any]) -> list[Block]:
+    """Averages per camera and stage, and the processors next to those of the paper."""
+    blocks: list[Block] = [
+        Heading("Latency, four cameras"),
+        Note(
+            "Live, from mid-exposure to another program: mean ms per camera. capture: until the decoded image is in its process; "
+            "wait: for the detector; output: until the next output tick of 100 Hz; send: by UDP."
+        ),
     ]
-    return [
-        Heading(f"Live, {device}: from exposure to another program, averages per camera", _TEXT),
-        Table(
-            ["mean ms", *STAGES, "end to end", "p95", "most", "views", "decoding alone"],
-            [
-                [name, *_means(one), *(one["total_ms"][key] for key in ("mean", "p95", "most")), one["views"],
-                 one["decode_alone_ms"]]
-                for name, one in cameras.items()
-            ]
-            + theirs,
-        ),
-        Facts(
-            {
-                "views used": f"{100 * live.used_share:.0f} % of the frames; when the processor is busy the newest frame wins",
-                "poses": f"{live.output_hz:.1f} per second (paper: {paper.OUTPUT_HZ:g})",
-                "paper: capture": f"{paper.CAPTURE_MS:g} ms, a whole period of its cameras",
-                "paper: 2D pose": f"{paper.DETECT_MS[0]:g} to {paper.DETECT_MS[1]:g} ms on three GPUs",
-                "paper: triangulation": f"< {paper.TRIANGULATE_MS:g} ms",
-            }
-        ),
-        Heading(
-            f"Live, {device}: spikes over time",
-            "One spike per view, at its exposure and as high as its latency, its stages on top of each other; one second in the "
-            "middle.",
-        ),
-        Plots(_spike_plots(live)),
-    ]  # fmt: skip
+    devices: list[list[Any]] = []
+    for device, live in figures["live"].items():
+        rows = [
+            [name, *(one["stages_ms"][stage]["mean"] for stage in STAGES), one["total_ms"]["mean"], one["total_ms"]["p95"],
+             one["decode_alone_ms"]]
+            for name, one in live["cameras"].items()
+        ]  # fmt: skip
+        blocks += [
+            Note(f"Device: {device} ({live['processor']}):"),
+            Table(["camera", *STAGES, "end to end", "p95", "decoding alone"], rows),
+            Note(f"{100 * live['used_share']:.0f} % of the frames used, {live['output_hz']:.1f} poses per second."),
+        ]
+        ms = live["all_cameras_ms"]
+        means = [ms[stage]["mean"] for stage in ("2D", "fuse, track", "total")]
+        devices.append([device, live["processor"], *means, ms["total"]["p95"], 100 * live["used_share"]])
+    devices += [
+        ["paper", f"the {which} of three GPUs", ms, paper.TRIANGULATE_MS, None, None, None]
+        for which, ms in zip(("fastest", "slowest"), paper.DETECT_MS, strict=True)
+    ]
+    columns = ["device", "processor", "2D", "fuse, track", "end to end", "p95", "% of frames used"]
+    by_processor = "By processor, next to the paper's 2D per frame and triangulation on GPUs, mean ms of all cameras:"
+    return [*blocks, Note(by_processor), Table(columns, devices)]
 
 
-def _spike_plots(live: LiveTimes) -> list[Plot]:
+def spike_plots(live: LiveTimes) -> list[Plot]:
+    """Of every camera a second in the middle."""
     middle_s = float(np.median(live.passed_s[:, 0]))
     near = np.abs(live.passed_s[:, 0] - middle_s) <= _SPIKES_S / 2
     window = (middle_s - _SPIKES_S / 2, middle_s + _SPIKES_S / 2, 0.0, 1.05 * float(live.total_ms[near].max()))
-    plots = [
+    return [
         Plot(name, view_spikes(live, c, middle_s), x_label="s", y_label="ms", window=window)
         for c, name in enumerate(live.cameras)
     ]
-    whole = "Exposure to another program, the whole run"
-    return [*plots, Plot(whole, _totals(live), x_label="s", y_label="ms", from_zero=True, wide=True)]
 
 
 def view_spikes(live: LiveTimes, camera: int, middle_s: float) -> list[Spikes]:
@@ -323,13 +292,3 @@ def spread(ms: Array) -> dict[str, float]:
         "p95": float(np.percentile(ms, 95)),
         "most": float(ms.max()),
     }
-
-
-def _means(camera: Mapping[str, Any]) -> list[float]:
-    return [camera["stages_ms"][stage]["mean"] for stage in STAGES]
-
-
-def _totals(live: LiveTimes) -> list[Line]:
-    return [
-        Line(name, live.passed_s[live.camera == c, 0], live.total_ms[live.camera == c]) for c, name in enumerate(live.cameras)
-    ]

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import json
 import platform
-from collections.abc import Callable, Iterator, Mapping
-from contextlib import AbstractContextManager, contextmanager
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import AbstractContextManager
 from dataclasses import dataclass, replace
+from functools import partial
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
@@ -18,7 +19,7 @@ from posefuse import __version__
 from posefuse.core import JointCentres, PoseSequence, Progress, Recording, Truth
 from posefuse.evaluation import JointErrors, joint_errors
 from posefuse.formats import joint_centres_from_mapping, read_truth
-from posefuse.formats.page import Page
+from posefuse.formats.page import Block
 from posefuse.foundation import plain, stage_bars, usable_cores
 from posefuse.pipeline import (
     TrackConfig,
@@ -69,10 +70,11 @@ class Context:
 
 @dataclass(frozen=True, eq=False)
 class Outcome:
-    """What an experiment found: plain figures, and the page that shows them."""
+    """What an experiment found: plain figures, of which its `report` makes tables, and the images and plots of its page."""
 
+    title: str
     figures: Mapping[str, Any]
-    page: Page
+    blocks: Sequence[Block]
 
 
 @dataclass(frozen=True, eq=False)
@@ -114,11 +116,8 @@ def run_scene(name: str, scene: Scene, context: Context) -> Run:
     config = context.config
     folder = rendered(name, scene, context)
     session = find_session(folder, config)
-    with context.console.progress(f"tracking {name}") as advance:
-
-        def report(stage: str, done: int, total: int | None, message: str = "") -> None:
-            context.console.note(message) if message else advance(done, total)
-
+    context.console.note(f"tracking {name}")
+    with context.console.stages() as report:
         recording = track_session(session, config, progress=report).recording
     table = recording.provenance["joint_centres"]
     centres = joint_centres_from_mapping(table, "provenance: joint_centres") if table else None
@@ -151,8 +150,8 @@ def rendered(name: str, scene: Scene, context: Context) -> Path:
     """The session of a scene; rendered where it is not there yet, finished where an earlier run broke off."""
     folder = context.sessions / scene_name(name, scene)
     if not is_rendered(name, scene, context):
-        with context.console.progress(f"rendering {name}") as advance:
-            simulate(scene, folder, advance, context.workers)
+        with context.console.stages() as report:
+            simulate(scene, folder, partial(report, f"rendering {name}"), context.workers)
     return folder
 
 
@@ -193,9 +192,3 @@ class Console:
     def stages(self) -> AbstractContextManager[Progress]:
         """What long work reports to."""
         return stage_bars(self._screen, self.note)
-
-    @contextmanager
-    def progress(self, label: str) -> Iterator[Callable[[int, int], None]]:
-        """A bar that the callback (done, total) moves."""
-        with self.stages() as report:
-            yield lambda done, total: report(label, done, total)

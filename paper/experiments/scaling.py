@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
 
-from paper.scenes.scaling import BIAS_SHARE, ERROR_SHARE, OUTLIER_SHARE, STUDIES, SWAP_SHARE, run_study, study_figures
-from posefuse.formats.page import Block, Heading, Line, Page, Plot, Plots, Table
+from paper.scenes.scaling import STUDIES, run_study, study_figures
+from posefuse.formats.page import Block, Heading, Line, Note, Plot, Plots, Table
 
 from .runs import Context, Outcome
 
@@ -17,32 +18,32 @@ _LINES = {
     "robust_same_mm": "robust, common points",
     "score_same_mm": "score, common points",
 }
-_SHARES = {"robust_found": "robust", "score_found": "score"}
 
 
 def run(context: Context) -> Outcome:
     """All studies."""
     studies: dict[str, Any] = {}
-    with context.console.progress("studies") as advance:
+    with context.console.stages() as report:
         for i, name in enumerate(STUDIES):
             studies[name] = study_figures(run_study(name, context.quick, context.config.fuse))
-            advance(i + 1, len(STUDIES))
-    blocks: list[Block] = [
-        Heading(
-            "Oracle detections",
-            f"They err as the real network does on the walking session: {100 * ERROR_SHARE:.2f} % of the person's height in each "
-            f"coordinate, {100 * BIAS_SHARE:.1f} % of it constant per camera and keypoint, {100 * OUTLIER_SHARE:g} % outliers, "
-            f"{100 * SWAP_SHARE:g} % of views with left and right swapped. One time step at a time, not smoothed. Weights are "
-            "compared on the points that both give: with few views, score leaves out the difficult ones.",
-        ),
-        Plots([_plot(study) for study in studies.values()]),
-    ]
-    for study in studies.values():
-        columns = [study["title"], *(f"{x:g}" for x in study["x"])]
-        shares = [[f"{name}, % of points", *(100 * share for share in study[key])] for key, name in _SHARES.items()]
-        rows = [*([f"{name}, mm", *study[key]] for key, name in _LINES.items()), *shares]
-        blocks += [Heading(study["title"]), Table(columns, rows)]
-    return Outcome({"studies": studies}, Page("What the error depends on", blocks))
+            report("studies", i + 1, len(STUDIES))
+    return Outcome("What the error depends on", {"studies": studies}, [Plots([_plot(study) for study in studies.values()])])
+
+
+def report(figures: Mapping[str, Any]) -> list[Block]:
+    """Errors by what is changed."""
+
+    def listed(study: Mapping[str, Any], key: str) -> str:
+        return ", ".join(f"{x:g}: {mm:.1f}" for x, mm in zip(study["x"], study[key], strict=True))
+
+    keys = ("robust_mm", "robust_same_mm", "score_same_mm")
+    rows = [[study["title"], *(listed(study, key) for key in keys)] for study in figures["studies"].values()]
+    about = (
+        "Oracle detections, not smoothed; value: mm. Weights are compared on the points that both methods return: with few "
+        "views score returns none for the difficult ones."
+    )
+    columns = ["", "robust", "robust, common points", "score, common points"]
+    return [Heading("What the error depends on"), Note(about), Table(columns, rows, text=True)]
 
 
 def _plot(study: dict[str, Any]) -> Plot:

@@ -17,11 +17,14 @@ from posefuse_sim import SessionPaths
 
 from .runs import Run
 
-LANDMARKS = (
-    "none, score, all: the paper's weights on the landmarks as they are, time step by time step. robust: our fusion on the same. "
-    "+ centres: landmarks moved to joint centres. default: that, smoothed over time, as `posefuse track` does with the "
-    "settings named below. best networks: that, with the largest detector (of a long scene its first 20 s)."
-)
+# columns of the summary, and those of them that other bodies check
+_SHOWN = ("none", "score", "all", "robust", "default", "best networks")
+CHECKED = ("default", "best networks")
+
+
+def shown(columns: Mapping[str, Any]) -> dict[str, Any]:
+    """Those of the columns that the summary shows joint by joint."""
+    return {name: columns[name] for name in _SHOWN if name in columns}
 
 
 def errors_row(errors: JointErrors) -> dict[str, Any]:

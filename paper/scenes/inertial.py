@@ -20,8 +20,6 @@ import numpy as np
 from posefuse.core import PAPER14, Array, ConfigError, Truth, choices, pick_keypoints
 from posefuse.evaluation import drift as drift_of
 
-# pelvis, sternum, head, and per side: shoulder, upper arm, forearm, hand, thigh, shank, foot; no joint lies beyond head and hands
-SENSORS = 17
 _SIDES = ("left", "right")
 _SOLES = tuple(f"{side}_{part}" for side in _SIDES for part in ("heel", "big_toe"))
 # segment -> joints it holds apart, outward from the pelvis

@@ -62,5 +62,4 @@ STATIC_AVERAGE: Mapping[str, Mapping[str, float]] = {
     "occluded": {"none": 443.40, "score": 26.44, "all": 17.09},
 }
 WALKING_MEAN, WALKING_WORST, WALKING_BEST = 25.83, 33.07, 15.75
-DETECT_MS, TRIANGULATE_MS, CAPTURE_MS = (25.0, 125.0), 1.0, 33.3
-OUTPUT_HZ = 100.0
+DETECT_MS, TRIANGULATE_MS = (25.0, 125.0), 1.0

@@ -69,7 +69,7 @@ def writer_of(mark: str) -> list[Path]:
 
 
 def test_every_script_finds_what_it_imports() -> None:
-    assert len(SCRIPTS) > 40
+    assert len(SCRIPTS) > 25
     assert problems(ROOT / "bench", SCRIPTS) == ""
 
 
@@ -139,7 +139,7 @@ def test_a_table_without_a_command_is_seen() -> None:
 def test_every_part_of_the_page_of_benchmarks_is_written_by_a_script() -> None:
     text = (ROOT / "docs" / "benchmarks.md").read_text(encoding="utf-8")
     parts = re.split(r"^## ", text, flags=re.MULTILINE)[1:]
-    assert len(parts) >= 10
+    assert len(parts) >= 9
     assert [part.partition("\n")[0] for part in parts if not (ROOT / "bench" / f"{MARK.findall(part)[0]}.py").is_file()] == []
 
 

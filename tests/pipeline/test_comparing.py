@@ -18,7 +18,7 @@ from posefuse.core.observations import observations_from_frames
 from posefuse.core.skeleton import ANATOMICAL23
 from posefuse.evaluation.tracks import looped
 from posefuse.formats.truth import write_loop, write_truth
-from posefuse.outputs.tables import CsvSink
+from posefuse.outputs.data_files import CsvSink
 from posefuse.pipeline.reports import compared
 from posefuse.realtime.config import LiveConfig
 from posefuse.realtime.session import notes_of

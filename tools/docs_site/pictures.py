@@ -6,11 +6,10 @@ python -m tools.docs_site.pictures moving   only the moving image
 
 from __future__ import annotations
 
+import runpy
 import sys
 from collections.abc import Iterator
-from importlib.util import module_from_spec, spec_from_file_location
 from pathlib import Path
-from types import ModuleType
 
 import numpy as np
 from PIL import Image
@@ -22,7 +21,7 @@ from posefuse.sources import VideoConfig, VideoSeeker, nearest
 
 ROOT = Path(__file__).resolve().parents[2]
 IMAGES = ROOT / "docs" / "images"
-CLIP = ROOT / "examples" / "demo"
+CLIP, SCRIPTS = ROOT / "examples" / "demo", ROOT / "examples" / "gallery"
 START_S, SECONDS = 3.0, 4.0
 # every n-th time step of 15 per second is drawn
 STEP = 1
@@ -35,8 +34,8 @@ def gallery_pictures() -> None:
     out = IMAGES / "gallery"
     out.mkdir(exist_ok=True)
     for name in ("knee_angle", "uncertainty"):
-        _script(name).main(CLIP, out)
-    _script("plan_rig").main(out)
+        runpy.run_path(str(SCRIPTS / f"{name}.py"))["main"](CLIP, out)
+    runpy.run_path(str(SCRIPTS / "plan_rig.py"))["main"](out)
 
 
 def moving_picture() -> Path:
@@ -63,14 +62,6 @@ def _pictures(recording: pf.Recording) -> Iterator[np.ndarray]:
             picture[top : top + grid.tile_wh[1], left : left + grid.tile_wh[0]] = view_tile(recording, i, c, image, grid.tile_wh)
         picture[:, width:] = stage_picture(recording, i, (STAGE_WIDTH, height))
         yield picture
-
-
-def _script(name: str) -> ModuleType:
-    spec = spec_from_file_location(name, ROOT / "examples" / "gallery" / f"{name}.py")
-    assert spec is not None and spec.loader is not None
-    module = module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
 
 
 if __name__ == "__main__":

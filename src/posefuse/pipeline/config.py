@@ -105,7 +105,7 @@ class TrackConfig:
             docs/calibration.md.
         refine: how far the cameras may be from their calibration.
         live_gap_s: second solve of a live session, in which not every frame was used: interpolate between two frames of a
-            camera that are at most this far apart. Chosen with `bench/live_second_solve.py --gaps`.
+            camera that are at most this far apart. docs/recordings.md has the errors of other values.
         raw: keep every time step as it was fused: no smoothing, no filled gaps.
         outputs: names of outputs, or a table of them, each with its options; see `posefuse plugins`.
     """

@@ -33,7 +33,7 @@ _LEAST_RATE_SHARE = 0.8
 _SAMPLE_STEP = 8
 # blurring by one pixel takes most of the fine detail of a sharp image, and little of one that is blurred already
 _BLUR_PX = 1.0
-# share of the Laplacian's energy that such a blur leaves; `python bench/studio.py` measures it for known blurs
+# share of the Laplacian's energy that such a blur leaves; docs/studio.md has it for known blurs
 _MOST_LEFT = 0.35
 # parts of an image without edges carry no information
 _LEAST_EDGE_DN = 12.0

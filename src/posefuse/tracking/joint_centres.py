@@ -34,7 +34,7 @@ _INVERSE_ROUNDS = 12
 # people further from the average than those of the fit count as no further than this
 MOST_LONGER_M = 0.06
 _S = len(SEGMENT_ENDS)
-# a new person counts as usual, as surely as if that had been seen for so long; see `bench/live_centres.py`
+# a new person counts as usual, as surely as if that had been seen for so long; chosen on scenes of `bench/fit_lasting_errors.py`
 USUAL_S = 0.3
 # older measurements fade, in case of an undetected change of person
 _MEMORY_S = 60.0
