@@ -22,12 +22,12 @@ def test_simulated_stamps_come_as_times_of_this_machine(sender):
     config = RosConfig(topic="/cam00/image_raw", camera="cam00", domain_id=DOMAIN, local_only=True, wait_s=60, sim_time=True)
     source = config.build()
     frames = source.frames()
-    got = [next(frames) for _ in range(25)]
+    got = np.array([(next(frames).t_ns, time.time_ns()) for _ in range(45)])[5:]
     source.close()
-    # stamps are set when they are sent: 20 a second, and sent just before they arrive, by the real clock
-    steps_s = np.diff([frame.t_ns for frame in got[5:]]) / 1e9
-    assert np.median(steps_s) == pytest.approx(0.05, abs=0.02)
-    assert abs(got[-1].t_ns - time.time_ns()) < 2_000_000_000
+    # stamps are set when images are sent, just before they arrive, and pass as fast; simulated time passes half as fast
+    stamped_ns, arrived_ns = np.ptp(got, axis=0)
+    assert stamped_ns / arrived_ns == pytest.approx(1.0, abs=0.3)
+    assert abs(np.median(got[:, 0] - got[:, 1])) < 2_000_000_000
 
 
 def test_camera_infos_are_compared_with_the_rig_or_taken(sender, ring_rig):

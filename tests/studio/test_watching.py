@@ -38,6 +38,9 @@ class Feed(CameraFeed):
         """None."""
         return []
 
+    # of a machine so slow that news of the cameras are due
+    came = states
+
 
 class Shown:
     """The host of a page that is shown for some rounds."""
