@@ -163,12 +163,12 @@ class LiveSession(Closing):
             ConfigError: no such output, or options it does not take.
             InputError: a file to record that exists already.
         """
-        from posefuse.foundation.output_file import check_output_file
+        from posefuse.foundation.output_file import check_first_part
         from posefuse.foundation.plugins import plugin_config
 
         chosen = dict(options or {})
         if output == "record" and "path" in chosen:
-            check_output_file(Path(chosen["path"]), option="record")
+            check_first_part(Path(chosen["path"]), option="record")
             chosen["path"] = Path(chosen["path"]).absolute()
         self._ask(AddOutput(output, plugin_config("live_outputs", output, chosen)))
 

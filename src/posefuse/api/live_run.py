@@ -17,7 +17,7 @@ from posefuse.core import InputError, LiveOutputConfig, Progress
 from posefuse.core.arrays import Array
 from posefuse.formats.page import Line, Page, Plot, Plots, Series, Spikes, write_page
 from posefuse.formats.rig import rig_warnings
-from posefuse.foundation.output_file import check_output_file
+from posefuse.foundation.output_file import check_first_part
 from posefuse.foundation.output_folder import check_replaceable, output_folder
 from posefuse.foundation.parsing import plain
 from posefuse.foundation.places import real_path
@@ -87,14 +87,14 @@ def output_configs(
 
     Raises:
         ConfigError: no such output, or options it does not take.
-        InputError: a file to write that exists already.
+        InputError: a file to write that exists already, or whose name makes it a part of one that does.
     """
     chosen: dict[str, dict[str, Any]] = {name: dict(options) for name, options in config.outputs.items()}
     for name, options in outputs.items():
         chosen[name] = {**chosen.get(name, {}), **options}
     for name, key in (("record", "path"), ("rerun", "file")):
         if path := chosen.get(name, {}).get(key):
-            check_output_file(Path(path), option=name)
+            check_first_part(Path(path), option=name)
             if key in outputs.get(name, {}):
                 # relative to here; one of a settings file stays as it is
                 chosen[name][key] = Path(path).absolute()
