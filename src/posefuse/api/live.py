@@ -69,8 +69,8 @@ class LiveSession(Closing):
             a thread of the session and must return quickly.
     """
 
-    def __init__(self, plan: LivePlan, progress: Progress | bool | None = None) -> None:
-        self._plan, self._progress = plan, progress
+    def __init__(self, plan: LivePlan, progress: Progress | bool | None = None, ros: Mapping[str, Any] | None = None) -> None:
+        self._plan, self._progress, self._ros = plan, progress, dict(ros or {})
         self.angles: JointAngles | None = None
         self.cameras: Mapping[str, CameraHealth] = {}
         self.outputs: Mapping[str, OutputHealth] = {}
@@ -157,7 +157,7 @@ class LiveSession(Closing):
         self._ask(KeepVideos(None if folder is None else Path(folder).absolute()))
 
     def switch_on(self, output: str, options: Mapping[str, Any] | None = None) -> None:
-        """Open another output, see `live`; how it fares is in `outputs`.
+        """Open another output, see `live`; how it fares is in `outputs`. Where ROS is, it knows from there.
 
         Raises:
             ConfigError: no such output, or options it does not take.
@@ -170,14 +170,14 @@ class LiveSession(Closing):
         if output == "record" and "path" in chosen:
             check_first_part(Path(chosen["path"]), option="record")
             chosen["path"] = Path(chosen["path"]).absolute()
-        self._ask(AddOutput(output, plugin_config("live_outputs", output, chosen)))
+        self._ask(AddOutput(output, plugin_config("live_outputs", output, chosen, known=self._ros)))
 
     def switch_off(self, output: str) -> None:
         """Finish and close an output; it is in `outputs` until that is done."""
         self._ask(RemoveOutput(output))
 
     def name_person(self, person_id: int, name: str) -> None:
-        """Call a person so: recordings of this session, those that are open now included, have the name; empty: none.
+        """Call a person so: outputs and recordings of this session, those that are open now included, have the name; empty: none.
 
         Raises:
             InputError: an id below 0, or a name of more than 64 characters.
@@ -314,4 +314,4 @@ def live(
     plan = live_plan(
         rig, sources, config=config, settings=changes, outputs=chosen, ros=ros, duration_s=duration_s, loop_s=loop_s
     )  # fmt: skip
-    return LiveSession(plan, progress)
+    return LiveSession(plan, progress, ros)
