@@ -63,6 +63,7 @@ class LiveSession(Closing):
     A slow program skips poses and gets the newest one next; it never delays the session.
 
     Attributes:
+        ros: where ROS 2 is, see `live`.
         angles: joint angles of the newest pose (T = 1); None before the first.
         cameras: state of every camera by name. outputs: of every output. news: lines that the session has reported, oldest first.
         on_image: takes each image that `show_images` asks for, and the detections in it (None: no person was seen); is called in
@@ -70,7 +71,7 @@ class LiveSession(Closing):
     """
 
     def __init__(self, plan: LivePlan, progress: Progress | bool | None = None, ros: Mapping[str, Any] | None = None) -> None:
-        self._plan, self._progress, self._ros = plan, progress, dict(ros or {})
+        self._plan, self._progress, self.ros = plan, progress, dict(ros or {})
         self.angles: JointAngles | None = None
         self.cameras: Mapping[str, CameraHealth] = {}
         self.outputs: Mapping[str, OutputHealth] = {}
@@ -170,7 +171,7 @@ class LiveSession(Closing):
         if output == "record" and "path" in chosen:
             check_first_part(Path(chosen["path"]), option="record")
             chosen["path"] = Path(chosen["path"]).absolute()
-        self._ask(AddOutput(output, plugin_config("live_outputs", output, chosen, known=self._ros)))
+        self._ask(AddOutput(output, plugin_config("live_outputs", output, chosen, known=self.ros)))
 
     def switch_off(self, output: str) -> None:
         """Finish and close an output; it is in `outputs` until that is done."""
