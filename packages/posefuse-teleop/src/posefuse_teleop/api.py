@@ -59,6 +59,7 @@ def teleoperate(
         >>> pf.teleoperate(session, deadman="web", robot="sim").engagements  # doctest: +SKIP
     """
     from posefuse.foundation.output_file import check_output_file
+    from posefuse.realtime.session import stop_requests
     from posefuse_teleop.process import RobotLink, RobotPlan
     from posefuse_teleop.session import run_control_loop
     from posefuse_teleop.settings import RosPlan, TeleoperationSettings
@@ -100,7 +101,10 @@ def teleoperate(
         stack.enter_context(session)
         with shown(progress) as report:
             report("teleoperation", 0, None, switch.hint)
-        return run_control_loop(session, switch, link, settings, watches=watches)
+        with stop_requests() as stopped:
+            summary = run_control_loop(session, switch, link, settings, watches=watches, stopped=stopped)
+            stack.close()
+    return summary
 
 
 def _check(settings: TeleoperationSettings, command: str | None) -> None:
