@@ -3,6 +3,7 @@
 import importlib
 import json
 import os
+import socket
 import struct
 import time
 import urllib.error
@@ -109,6 +110,17 @@ def test_the_page_is_there_and_its_reports_are_heartbeats(web):
     post(web, {"echo": echo, "held": True, "grip": True})
     heartbeats = web.poll(0, None).heartbeats
     assert len(heartbeats) == 1 and heartbeats[0].grip and heartbeats[0].sent_ns <= before_ns
+
+
+def test_an_answer_does_not_wait_for_the_receipt_of_its_head(web, monkeypatch):
+    """It did for 40 ms: heartbeats were older than a button may be silent."""
+    taken: list[int] = []
+    handler = web._server.RequestHandlerClass
+    ended = handler.end_headers
+    no_delay = socket.IPPROTO_TCP, socket.TCP_NODELAY
+    monkeypatch.setattr(handler, "end_headers", lambda own: (taken.append(own.connection.getsockopt(*no_delay)), ended(own)))
+    post(web, {"echo": 0, "held": True, "grip": False})
+    assert taken and all(taken)
 
 
 def test_a_report_counts_once_and_is_as_old_as_the_number_it_echoes(web):

@@ -271,6 +271,8 @@ class WebSwitch:
 
         class Handler(BaseHTTPRequestHandler):
             protocol_version = "HTTP/1.1"
+            # an answer is two writes: the second would wait 40 ms for the receipt of the first, which makes heartbeats too old
+            disable_nagle_algorithm = True
 
             def do_GET(self) -> None:
                 good = self.path == f"/{switch._key}/"
