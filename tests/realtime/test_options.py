@@ -19,6 +19,8 @@ from posefuse.cli import main as cli
         (("--record", "walk.mp4"), "walk.mp4: expected a name that ends in .mcap"),
         (("--osc", "nonsense"), "host:port"),
         (("--record", "/nowhere/x.mcap"), "there is no folder /nowhere"),
+        (("--record-images",), "live_outputs record: path: missing"),
+        (("--axes", "y_up"), "no output of this session has axes"),
         (("--record", "walk"), "walk: expected a name that ends in .mcap"),
         (("--record", "walk.mcap", "--videos", "walk.mcap"), "the folder of --videos"),
         (("--record", "kept/walk.mcap", "--videos", "kept"), "the folder of --videos"),

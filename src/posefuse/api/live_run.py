@@ -13,7 +13,7 @@ from typing import Any, Literal
 import numpy as np
 
 from posefuse import __version__, core
-from posefuse.core import InputError, LiveOutputConfig, Progress
+from posefuse.core import ConfigError, InputError, LiveOutputConfig, Progress
 from posefuse.core.arrays import Array
 from posefuse.formats.page import Line, Page, Plot, Plots, Series, Spikes, write_page
 from posefuse.formats.rig import rig_warnings
@@ -68,6 +68,8 @@ def live_plan(
     chosen = read_changed(None if config is None else Path(config), settings or {}, LiveConfig)
     configs = output_configs(chosen, outputs or {}, {**(ros or {}), **({"axes": axes} if axes else {})})
     check_live_outputs(configs)
+    if axes and not any(hasattr(one, "axes") for one in configs.values()):
+        raise ConfigError("axes: no output of this session has axes; expected one such as osc or json")
     return LivePlan(
         rig=cameras,
         inputs=shown_again(inputs_from_arguments(sources, cameras, ros), loop_s),
