@@ -167,7 +167,8 @@ def test_an_unknown_switch_is_refused_in_one_line(text):
 
 def joy(monkeypatch, *ahead_s: float) -> Heartbeats:
     """After messages with the button down whose stamps are so far ahead of this machine's clock."""
-    ros = pytest.importorskip("posefuse_ros.types", reason="the extra `ros` is not installed")
+    pytest.importorskip("rosbags", reason="the extra `ros` is not installed")
+    ros = importlib.import_module("posefuse_ros.types")
     header = importlib.import_module("posefuse_ros.messages").header(1, "")
     pressed = ros.message("sensor_msgs/msg/Joy", header=header, axes=np.zeros(1, np.float32), buttons=np.ones(1, np.int32))
     raw, epoch_ns = ros.encode(pressed), 1_700_000_000 * 10**9
