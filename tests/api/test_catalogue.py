@@ -89,8 +89,8 @@ def test_all_below_a_folder_the_newest_first(saved_walk: Saved, tmp_path: Path) 
     refusal(InputError, "no such folder", pf.recordings, study / "nowhere")
 
 
-def test_later_parts_of_a_live_session_are_not_recordings_of_their_own(tmp_path: Path) -> None:
-    for name in ("a.mcap", "a.2.mcap", "b.2.mcap"):
+def test_later_parts_of_a_live_session_and_its_robot_are_not_recordings_of_their_own(tmp_path: Path) -> None:
+    for name in ("a.mcap", "a.2.mcap", "b.2.mcap", "a.robot.mcap"):
         (tmp_path / name).write_bytes(b"")
     assert {path.name for path in find_recordings(tmp_path)} == {"a.mcap", "b.2.mcap"}
 

@@ -56,6 +56,16 @@ def test_a_detector_takes_plain_images(demo_session: Path, models: None) -> None
     assert found.xy_img.shape == (1, len(detect.skeleton), 2)
 
 
+def test_an_output_that_is_switched_on_later_is_where_ros_is(demo_session: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    pytest.importorskip("cyclonedds", reason="the extra `ros` is not installed")
+    session = pf.live(demo_session / "rig.toml", [f"sim:{demo_session}"], ros={"domain_id": 5, "peers": ["10.0.0.7"]})
+    asked: list[Any] = []
+    monkeypatch.setattr(session, "_ask", asked.append)
+    session.switch_on("ros2")
+    session.switch_on("ros2", {"domain_id": 6})
+    assert [(one.config.domain_id, one.config.peers) for one in asked] == [(5, ("10.0.0.7",)), (6, ("10.0.0.7",))]
+
+
 @pytest.mark.realtime
 def test_poses_come_while_the_session_runs(demo_session: Path, models: None) -> None:
     rig = pf.read_rig(demo_session / "rig.toml")

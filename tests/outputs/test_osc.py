@@ -1,13 +1,24 @@
 import json
 import socket
 import struct
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from checks import refusal
 
-from posefuse.core import ConfigError
-from posefuse.outputs.live.udp import AXES, OscConfig, UdpStream, json_from_pose, osc_bundle, osc_from_pose, osc_message
+from posefuse.core import ConfigError, LiveNames, LivePose
+from posefuse.evaluation.contracts import made_up_start
+from posefuse.outputs.live.udp import (
+    AXES,
+    JsonConfig,
+    OscConfig,
+    UdpStream,
+    json_from_pose,
+    osc_bundle,
+    osc_from_pose,
+    osc_message,
+)
 
 
 def read(data):
@@ -102,9 +113,23 @@ def test_json_leaves_out_what_is_missing(standing, some_joints):
 
 
 def test_json_carries_the_names_of_people_who_have_one(standing):
-    (named,), (unnamed,) = (json_from_pose(standing(), None, "z_up", names) for names in (("Ada", "Ben"), ("Ada",)))
+    (named,), (unnamed,) = (json_from_pose(standing(), None, "z_up", {0: "Ada", 1: name}) for name in ("Ben", ""))
     assert json.loads(named)["name"] == "Ben"
     assert "name" not in json.loads(unnamed)
+
+
+def test_json_carries_the_names_that_people_are_given_while_the_session_runs(standing):
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as listener:
+        listener.bind(("127.0.0.1", 0))
+        listener.settimeout(5)
+        config = JsonConfig(to=(f"127.0.0.1:{listener.getsockname()[1]}",))
+        output, pose = config.build(), LivePose(pose=standing())
+        start, given = replace(made_up_start(1), names=("Ada", "Ben")), LiveNames(t_ns=0, names={1: "Grace"})
+        assert isinstance(given, config.takes)
+        for message in (start, pose, given, pose):
+            output.take(message)
+        assert [json.loads(listener.recv(65536))["name"] for _ in range(2)] == ["Ben", "Grace"]
+        output.close()
 
 
 def test_unknown_axes(standing):

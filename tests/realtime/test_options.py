@@ -19,9 +19,13 @@ from posefuse.cli import main as cli
         (("--record", "walk.mp4"), "walk.mp4: expected a name that ends in .mcap"),
         (("--osc", "nonsense"), "host:port"),
         (("--record", "/nowhere/x.mcap"), "there is no folder /nowhere"),
+        (("--record-images",), "live_outputs record: path: missing"),
+        (("--axes", "y_up"), "no output of this session has axes"),
         (("--record", "walk"), "walk: expected a name that ends in .mcap"),
         (("--record", "walk.mcap", "--videos", "walk.mcap"), "the folder of --videos"),
         (("--record", "kept/walk.mcap", "--videos", "kept"), "the folder of --videos"),
+        (("--record", "earlier/a.2.mcap"), "by its name it is a later part of a.mcap"),
+        (("--record", "earlier/b.mcap"), "by its name, b.3.mcap is a later part of it"),
         (("--source", "cam00=video:"), "expected where it is after video:"),
         ((), "expected sources for at least 2 cameras, got 0"),
     ],
@@ -31,10 +35,12 @@ def test_what_cannot_be_is_one_line_before_anything_starts_or_a_network_is_fetch
 ) -> None:
     monkeypatch.setattr("posefuse.api.live_run.fetch_networks", lambda *_: pytest.fail("networks were fetched"))
     monkeypatch.chdir(tmp_path)
-    (tmp_path / "kept").mkdir()
+    kept = [tmp_path / name for name in ("kept", "earlier", "earlier/a.mcap", "earlier/b.3.mcap")]
+    for place in kept:
+        place.touch() if place.suffix else place.mkdir()
     source = () if not options or options[0] == "--source" else ("--source", f"sim:{demo_session}")
     assert cli.main(["live", str(demo_session / "rig.toml"), *source, *options]) == 1
     out, err = capsys.readouterr()
     assert out == "" and words in err
     assert err.count("\n") == 1 and "Traceback" not in err
-    assert [path.name for path in tmp_path.rglob("*")] == ["kept"]
+    assert sorted(tmp_path.rglob("*")) == sorted(kept)

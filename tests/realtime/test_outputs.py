@@ -107,6 +107,15 @@ def test_an_output_that_raises_an_error_is_reported_closed_and_reopened(capfd) -
     assert capfd.readouterr() == ("", "")
 
 
+def test_an_output_that_is_opened_later_gets_what_it_takes_and_nothing_else() -> None:
+    config = Scripted()
+    names = LiveNames(t_ns=POSE.pose.t_ns, names={7: "Ada"})
+    worker = OutputThread(OutputAdded("scripted", config, made_up_start(1), kept=[CENTRES, names]))
+    worker.finish()
+    worker.join(PATIENCE_S)
+    assert [what for what, _ in config.log] == ["start", "jointcentres", "close"]
+
+
 def test_repeated_failures_to_reopen_count_as_one_failure_and_one_part(monkeypatch) -> None:
     monkeypatch.setattr("posefuse.realtime.output_process._FIRST_RETRY_S", 0.001)
     monkeypatch.setattr("posefuse.realtime.output_process._LONGEST_RETRY_S", 0.001)

@@ -15,6 +15,7 @@ from posefuse.core import (
     CameraHealth,
     LiveDetections,
     LiveHealth,
+    LiveNames,
     LivePose,
     LivePreview,
     LiveStart,
@@ -51,13 +52,15 @@ def test_people_pictures_and_faulty_cameras_are_logged(tmp_path, ring_rig) -> No
     sink.take(LiveHealth(t_ns=now_ns, cameras=cameras))
     later = {name: replace(camera, figures={**rates, "captured": 25.0}) for name, camera in cameras.items()}
     sink.take(LiveHealth(t_ns=now_ns + S // 2, cameras=later))
+    sink.take(LiveNames(t_ns=now_ns, names={7: "Grace"}))
+    sink.take(LivePose(pose=replace(pose, t_ns=now_ns + S // 2)))
     sink.take(LivePose(pose=no_person))
     sink.close()
     listing = printed(tmp_path / "live.rrd")
     logged = ("people/7/bones", "cameras/cam01/detections", "cameras/cam02/image")
     for entity in (*(f"world/{name}" for name in logged), "plots/latency_p95_ms/cam00"):
         assert f"/{entity}" in listing
-    assert "Person h" in listing
+    assert "Person h" in listing and "Grace" in listing
     assert "Clear" in listing
     assert "TextDocument:text" in listing
     table = health_table(cameras, dict.fromkeys(rig.names, 29.7))

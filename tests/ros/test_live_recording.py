@@ -221,9 +221,20 @@ def test_parts_are_joined_in_order_without_overlap(tmp_path: Path, rig: Rig) -> 
     np.testing.assert_array_equal(whole.poses.xyz_world, joined.poses.xyz_world)
     times = [np.sort(one.observations.frame_t_ns) for one in (whole, joined)]
     np.testing.assert_array_equal(*times)
-    record(tmp_path / "other.mcap", rig, frames, poses, replace(CONFIG, rate_hz=50.0))
-    (tmp_path / "other.mcap").rename(tmp_path / "a.13.mcap")
+    record(tmp_path / "other.mcap", rig, frames, poses, replace(CONFIG, rate_hz=50.0), part=2)
+    (tmp_path / "other.2.mcap").rename(tmp_path / "a.13.mcap")
     refusal(InputError, r"a\.13\.mcap: is a part of another session", read_live_recording, tmp_path / "a.mcap", lines.append)
+
+
+def test_a_session_of_its_own_with_the_name_of_a_part_is_none(tmp_path: Path, rig: Rig) -> None:
+    frames, poses = frames_of(rig, 24), poses_of(60)
+    record(tmp_path / "a.mcap", rig, frames[:20], poses[:15])
+    alone = read_live_recording(tmp_path / "a.mcap", pytest.fail)
+    record(tmp_path / "a.2.mcap", rig, frames[40:], poses[30:])
+    beside = read_live_recording(tmp_path / "a.mcap", pytest.fail)
+    assert beside.provenance["parts"] == ["a.mcap"]
+    assert_same(beside.poses, alone.poses)
+    assert len(read_live_recording(tmp_path / "a.2.mcap", pytest.fail).poses) == 30
 
 
 def test_the_table_of_joint_centres_is_that_of_the_session(tmp_path: Path, rig: Rig) -> None:

@@ -1,18 +1,24 @@
 """Dead-man's switches report what is held, and nothing else."""
 
+import importlib
 import json
 import os
+import socket
 import struct
 import time
 import urllib.error
 import urllib.request
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from checks import refusal
 
+import posefuse as pf
 from bench.rehearsal.person import person_view
 from posefuse.core import ConfigError, SourceError
+from posefuse_teleop.gate import Heartbeats
+from posefuse_teleop.settings import RosPlan
 from posefuse_teleop.switches import GestureSwitch, JoystickSwitch, KeySwitch, WebSwitch, open_deadman
 
 NOW_NS = 10**12
@@ -106,6 +112,17 @@ def test_the_page_is_there_and_its_reports_are_heartbeats(web):
     assert len(heartbeats) == 1 and heartbeats[0].grip and heartbeats[0].sent_ns <= before_ns
 
 
+def test_an_answer_does_not_wait_for_the_receipt_of_its_head(web, monkeypatch):
+    """It did for 40 ms: heartbeats were older than a button may be silent."""
+    taken: list[int] = []
+    handler = web._server.RequestHandlerClass
+    ended = handler.end_headers
+    no_delay = socket.IPPROTO_TCP, socket.TCP_NODELAY
+    monkeypatch.setattr(handler, "end_headers", lambda own: (taken.append(own.connection.getsockopt(*no_delay)), ended(own)))
+    post(web, {"echo": 0, "held": True, "grip": False})
+    assert taken and all(taken)
+
+
 def test_a_report_counts_once_and_is_as_old_as_the_number_it_echoes(web):
     echo = post(web, {"echo": 0, "held": False, "grip": False})
     given_ns = time.monotonic_ns()
@@ -146,3 +163,42 @@ def test_a_gesture_alone_is_refused_where_it_is_not_enough():
 @pytest.mark.parametrize("text", ["", "keys", "joystick", "web:x", "ros:joy", "gesture:left"])
 def test_an_unknown_switch_is_refused_in_one_line(text):
     refusal(ConfigError, "expected one of", open_deadman, text)
+
+
+def joy(monkeypatch, *ahead_s: float) -> Heartbeats:
+    """After messages with the button down whose stamps are so far ahead of this machine's clock."""
+    pytest.importorskip("rosbags", reason="the extra `ros` is not installed")
+    ros = importlib.import_module("posefuse_ros.types")
+    header = importlib.import_module("posefuse_ros.messages").header(1, "")
+    pressed = ros.message("sensor_msgs/msg/Joy", header=header, axes=np.zeros(1, np.float32), buttons=np.ones(1, np.int32))
+    raw, epoch_ns = ros.encode(pressed), 1_700_000_000 * 10**9
+    monkeypatch.setattr(time, "time_ns", lambda: epoch_ns)
+    samples = [SimpleNamespace(raw=raw, sent_ns=epoch_ns + round(ahead * 1e9)) for ahead in ahead_s]
+    node = SimpleNamespace(reader=lambda _: SimpleNamespace(take=lambda: samples), close=lambda: None)
+    monkeypatch.setattr(RosPlan, "node", lambda plan, name: node)
+    heartbeats = Heartbeats()
+    for beat in open_deadman("ros:/joy").poll(NOW_NS, None).heartbeats:
+        heartbeats = heartbeats.with_beat(beat, NOW_NS)
+    return heartbeats
+
+
+def test_messages_of_a_joystick_in_ros_count_by_when_they_were_sent(monkeypatch):
+    assert joy(monkeypatch, -0.09, -0.05, -0.01).held(NOW_NS)
+    assert joy(monkeypatch, 0.01, 0.02, 0.04).held(NOW_NS)
+    # of a machine whose clock is ahead: how old they are is not known
+    assert joy(monkeypatch, 3.0, 3.05, 3.1).count == 0
+    assert joy(monkeypatch, -3.1, -3.05, -3.0).count == 0
+
+
+def test_a_joystick_in_ros_is_where_the_session_has_ros(demo_session, monkeypatch):
+    pytest.importorskip("cyclonedds", reason="the extra `ros` is not installed")
+    asked = []
+
+    def node(plan, name):
+        asked.append((name, plan.network.domain_id))
+        raise SourceError("no node in this test")
+
+    monkeypatch.setattr(RosPlan, "node", node)
+    session = pf.live(demo_session / "rig.toml", [f"sim:{demo_session}"], ros={"domain_id": 5, "sim_time": True})
+    refusal(SourceError, "no node", pf.teleoperate, session, deadman="ros:/joy")
+    assert asked == [("posefuse_deadman", 5)]

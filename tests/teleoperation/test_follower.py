@@ -142,6 +142,12 @@ class Answers:
         pass
 
 
+def test_a_request_to_end_leaves_the_figures():
+    robot = Answers(state(0, 0), state(0, 0))
+    done = run_control_loop(NoPoses(robot), NeverPressed(), robot, TeleoperationSettings(), stopped=["SIGINT"])
+    assert (done.stopped_by, done.fault, len(robot.left)) == ("SIGINT", "", 2)
+
+
 def latencies(*states):
     robot = Answers(*states)
     return list(run_control_loop(NoPoses(robot), NeverPressed(), robot, TeleoperationSettings()).latency_ms)

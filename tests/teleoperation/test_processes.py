@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from checks import refusal
 from commanded import order
-from live_session import until
+from live_session import Live, command, until
 
 pytest.importorskip("mujoco")
 pytest.importorskip("daqp")
@@ -79,3 +79,13 @@ def test_a_robot_that_cannot_be_driven_is_reported_in_one_line():
         refusal(ConfigError, "no site 'tool'", made.wait_ready)
     finally:
         made.close()
+
+
+@pytest.mark.realtime
+def test_ctrl_c_ends_a_session_in_order_and_its_figures_are_printed(demo_session):
+    words = command(demo_session, "--deadman", "gesture", "--elsewhere")
+    running = Live(["teleoperate" if word == "live" else word for word in words])
+    running.wait_for("IDLE|READY")
+    running.process.send_signal(signal.SIGINT)
+    figures = running.figures()
+    assert figures["stopped_by"] == "SIGINT" and figures["phases"] and not figures["failed"]

@@ -138,14 +138,14 @@ def _found(folder: Path, depth: int) -> Iterator[Path]:
         if entry.is_dir(follow_symlinks=False):
             if depth < _DEEPEST:
                 yield from _found(Path(entry.path), depth + 1)
-        elif is_live(Path(entry.path)) and not _is_later_part(Path(entry.path)):
+        elif is_live(Path(entry.path)) and not _goes_with_another(Path(entry.path)):
             yield Path(entry.path)
 
 
-def _is_later_part(path: Path) -> bool:
-    """Whether a .mcap file continues another one (NAME.2.mcap)."""
-    first, _, number = path.stem.rpartition(".")
-    return number.isdigit() and bool(first) and path.with_name(first + LIVE_SUFFIX).is_file()
+def _goes_with_another(path: Path) -> bool:
+    """Whether a .mcap file continues another one (NAME.2.mcap), or holds the robot that followed it (NAME.robot.mcap)."""
+    first, _, what = path.stem.rpartition(".")
+    return (what.isdigit() or what == "robot") and bool(first) and path.with_name(first + LIVE_SUFFIX).is_file()
 
 
 def _main_file(path: Path) -> Path:

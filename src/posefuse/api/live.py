@@ -63,14 +63,15 @@ class LiveSession(Closing):
     A slow program skips poses and gets the newest one next; it never delays the session.
 
     Attributes:
+        ros: where ROS 2 is, see `live`.
         angles: joint angles of the newest pose (T = 1); None before the first.
         cameras: state of every camera by name. outputs: of every output. news: lines that the session has reported, oldest first.
         on_image: takes each image that `show_images` asks for, and the detections in it (None: no person was seen); is called in
             a thread of the session and must return quickly.
     """
 
-    def __init__(self, plan: LivePlan, progress: Progress | bool | None = None) -> None:
-        self._plan, self._progress = plan, progress
+    def __init__(self, plan: LivePlan, progress: Progress | bool | None = None, ros: Mapping[str, Any] | None = None) -> None:
+        self._plan, self._progress, self.ros = plan, progress, dict(ros or {})
         self.angles: JointAngles | None = None
         self.cameras: Mapping[str, CameraHealth] = {}
         self.outputs: Mapping[str, OutputHealth] = {}
@@ -157,27 +158,27 @@ class LiveSession(Closing):
         self._ask(KeepVideos(None if folder is None else Path(folder).absolute()))
 
     def switch_on(self, output: str, options: Mapping[str, Any] | None = None) -> None:
-        """Open another output, see `live`; how it fares is in `outputs`.
+        """Open another output, see `live`; how it fares is in `outputs`. Where ROS is, it knows from there.
 
         Raises:
             ConfigError: no such output, or options it does not take.
             InputError: a file to record that exists already.
         """
-        from posefuse.foundation.output_file import check_output_file
+        from posefuse.foundation.output_file import check_first_part
         from posefuse.foundation.plugins import plugin_config
 
         chosen = dict(options or {})
         if output == "record" and "path" in chosen:
-            check_output_file(Path(chosen["path"]), option="record")
+            check_first_part(Path(chosen["path"]), option="record")
             chosen["path"] = Path(chosen["path"]).absolute()
-        self._ask(AddOutput(output, plugin_config("live_outputs", output, chosen)))
+        self._ask(AddOutput(output, plugin_config("live_outputs", output, chosen, known=self.ros)))
 
     def switch_off(self, output: str) -> None:
         """Finish and close an output; it is in `outputs` until that is done."""
         self._ask(RemoveOutput(output))
 
     def name_person(self, person_id: int, name: str) -> None:
-        """Call a person so: recordings of this session, those that are open now included, have the name; empty: none.
+        """Call a person so: outputs and recordings of this session, those that are open now included, have the name; empty: none.
 
         Raises:
             InputError: an id below 0, or a name of more than 64 characters.
@@ -314,4 +315,4 @@ def live(
     plan = live_plan(
         rig, sources, config=config, settings=changes, outputs=chosen, ros=ros, duration_s=duration_s, loop_s=loop_s
     )  # fmt: skip
-    return LiveSession(plan, progress)
+    return LiveSession(plan, progress, ros)

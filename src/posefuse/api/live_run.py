@@ -13,11 +13,11 @@ from typing import Any, Literal
 import numpy as np
 
 from posefuse import __version__, core
-from posefuse.core import InputError, LiveOutputConfig, Progress
+from posefuse.core import ConfigError, InputError, LiveOutputConfig, Progress
 from posefuse.core.arrays import Array
 from posefuse.formats.page import Line, Page, Plot, Plots, Series, Spikes, write_page
 from posefuse.formats.rig import rig_warnings
-from posefuse.foundation.output_file import check_output_file
+from posefuse.foundation.output_file import check_first_part
 from posefuse.foundation.output_folder import check_replaceable, output_folder
 from posefuse.foundation.parsing import plain
 from posefuse.foundation.places import real_path
@@ -68,6 +68,8 @@ def live_plan(
     chosen = read_changed(None if config is None else Path(config), settings or {}, LiveConfig)
     configs = output_configs(chosen, outputs or {}, {**(ros or {}), **({"axes": axes} if axes else {})})
     check_live_outputs(configs)
+    if axes and not any(hasattr(one, "axes") for one in configs.values()):
+        raise ConfigError("axes: no output of this session has axes; expected one such as osc or json")
     return LivePlan(
         rig=cameras,
         inputs=shown_again(inputs_from_arguments(sources, cameras, ros), loop_s),
@@ -87,14 +89,14 @@ def output_configs(
 
     Raises:
         ConfigError: no such output, or options it does not take.
-        InputError: a file to write that exists already.
+        InputError: a file to write that exists already, or whose name makes it a part of one that does.
     """
     chosen: dict[str, dict[str, Any]] = {name: dict(options) for name, options in config.outputs.items()}
     for name, options in outputs.items():
         chosen[name] = {**chosen.get(name, {}), **options}
     for name, key in (("record", "path"), ("rerun", "file")):
         if path := chosen.get(name, {}).get(key):
-            check_output_file(Path(path), option=name)
+            check_first_part(Path(path), option=name)
             if key in outputs.get(name, {}):
                 # relative to here; one of a settings file stays as it is
                 chosen[name][key] = Path(path).absolute()

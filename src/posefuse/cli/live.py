@@ -78,8 +78,9 @@ class OutputOptions:
     def chosen(self) -> dict[str, dict[str, Any]]:
         """Options of the outputs that were chosen, by name."""
         found: dict[str, dict[str, Any]] = {name: {} for name in self.output}
-        if self.record:
-            found["record"] = {"path": self.record.absolute(), **({"images": True} if self.record_images else {})}
+        recorded = {"path": self.record and self.record.absolute(), "images": self.record_images}
+        if any(recorded.values()):
+            found["record"] = {key: value for key, value in recorded.items() if value}
         found |= {name: {} for name, on in (("ros2", self.ros), ("ros1", self.ros1)) if on}
         found |= {name: {"to": list(to)} for name, to in (("osc", self.osc), ("json", self.json_udp)) if to}
         if self.view_file or self.view:

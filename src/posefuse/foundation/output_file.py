@@ -134,6 +134,20 @@ def parts_of(path: Path) -> list[Path]:
     return [path, *(file for _, file in later)]
 
 
+def check_first_part(path: Path, *, option: str) -> None:
+    """`check_output_file` for a file that may be continued in later parts: its name may not join it to other files.
+
+    Raises:
+        InputError: it cannot be written, or its name makes it a part of another file, or another file a part of it.
+    """
+    check_output_file(path, option=option)
+    first, _, number = path.stem.rpartition(".")
+    if first and number.isdecimal() and path.with_name(f"{first}{path.suffix}").exists():
+        raise InputError(f"{option} {path}: by its name it is a later part of {first}{path.suffix}; choose another name")
+    if later := parts_of(path)[1:]:
+        raise InputError(f"{option} {path}: by its name, {later[0].name} is a later part of it; choose another name")
+
+
 def keep_copy(path: Path) -> Path | None:
     """Copy an existing file to ``NAME.replaced-TIME`` before it is replaced; returns the copy.
 

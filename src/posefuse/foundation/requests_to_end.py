@@ -57,7 +57,12 @@ def put_off(number: int, frame: FrameType | None) -> bool:
 
 
 def heeded(numbers: Iterable[signal.Signals]) -> list[signal.Signals]:
-    """Those to handle: `nohup` ignores hang-ups, a shell Ctrl-C for what it starts in the background, and that stays so."""
+    """Those to handle: `nohup` ignores hang-ups, a shell Ctrl-C for what it starts in the background, and that stays so.
+
+    None but in the main thread: only there can they be handled.
+    """
+    if threading.current_thread() is not threading.main_thread():
+        return []
     kept = (HANG_UP, signal.SIGINT)
     return [number for number in numbers if number not in kept or signal.getsignal(number) is not signal.SIG_IGN]
 

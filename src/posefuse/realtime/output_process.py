@@ -140,7 +140,8 @@ class OutputThread:
         self._queue: queue.Queue[LiveMessage | None] = queue.Queue(_QUEUE if added.config.keeps_all else _LIVE_QUEUE)
         self._kept: dict[object, LiveMessage] = {}
         for message in added.kept:
-            keep(message, self._kept)
+            if isinstance(message, added.config.takes):
+                keep(message, self._kept)
         self._part, self._retry_s, self._again_s = added.start.part, _FIRST_RETRY_S, 0.0
         self._failed_s = self._busy_s = 0.0
         self._output: LiveOutput | None = None

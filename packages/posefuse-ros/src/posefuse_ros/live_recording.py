@@ -154,13 +154,12 @@ def read(path: Path, warn: Warn | None = None, *, start_s: float | None = None, 
         MessageError: a message that is malformed.
     """
     say = warn or (lambda line: warnings.warn(line, stacklevel=3))
-    parts = parts_of(path)
     notes = read_notes(path, NOTES) or {}
+    parts = _parts(path, notes)
     content = _Content()
     low_s = -math.inf if start_s is None else start_s - _SECTION_MARGIN_S
     high_s = math.inf if end_s is None else end_s + _SECTION_MARGIN_S
     for part in parts:
-        _check_same_session(path, part, notes)
         try:
             _read_part(part, content, say, lambda at_s: low_s <= at_s <= high_s)
         except SourceError as error:
@@ -185,19 +184,27 @@ def read(path: Path, warn: Warn | None = None, *, start_s: float | None = None, 
 
 def simulated_times(path: Path) -> tuple[Array, Array]:
     """Times (T,) of the session at which `/clock` was kept and its simulated times (T,) then, ns; empty where there was none."""
-    t_ns, sim_ns = zip(*(read_clock(part, lambda line: None) for part in parts_of(path)), strict=True)
+    t_ns, sim_ns = zip(
+        *(read_clock(part, lambda line: None) for part in _parts(path, read_notes(path, NOTES) or {})), strict=True
+    )
     return np.concatenate(t_ns), np.concatenate(sim_ns)
 
 
-def _check_same_session(path: Path, part: Path, notes: Mapping[str, str]) -> None:
-    if part == path:
-        return
-    try:
-        other = read_notes(part, NOTES) or {}
-    except SourceError:
-        return
-    if {**other, "part": ""} != {**notes, "part": ""}:
-        raise InputError(f"{part}: is a part of another session than {path}; move it to another folder")
+def _parts(path: Path, notes: Mapping[str, str]) -> list[Path]:
+    """The file with these notes and its later parts; a file of such a name that is the first part of its session is none."""
+    found = [path]
+    for part in parts_of(path)[1:]:
+        try:
+            other = read_notes(part, NOTES) or {}
+        except SourceError:
+            # what it holds is stated where it is read
+            other = notes
+        if other is not notes and other.get("part") == "1":
+            continue
+        if {**other, "part": ""} != {**notes, "part": ""}:
+            raise InputError(f"{part}: is a part of another session than {path}; move it to another folder")
+        found.append(part)
+    return found
 
 
 def _read_part(part: Path, content: _Content, say: Warn, in_section: Callable[[float], bool]) -> None:

@@ -42,7 +42,8 @@ def teleoperate(
         deadman: ``key``, ``joystick:DEVICE``, ``ros:/TOPIC``, ``web``, ``web:PORT``, ``gesture``, or a switch of your own.
         settings: hands, mapping, gate, limits, separation, robot.
         robot: ``sim``, our own in MuJoCo, or an MJCF file. frames: its sites, one per hand; default ``right_hand`` ...
-        command: None drives the robot in MuJoCo; ``pose``, ``twist`` or ``joints`` drives one over `ros`.
+        command: None drives the robot in MuJoCo; ``pose``, ``twist`` or ``joints`` drives one over `ros`. A dead-man's switch
+            ``ros:/TOPIC`` is there, too; without `ros` where the session has ROS.
         emergency_stop: there is one within reach; needed for a gesture that moves a robot over ROS.
         view: open MuJoCo's viewer. show: operator, robot, workspace and keep-out in Rerun: ``spawn`` opens its viewer, anything
             else is the .rrd file to write (extra ``viewer``).
@@ -58,9 +59,10 @@ def teleoperate(
         >>> pf.teleoperate(session, deadman="web", robot="sim").engagements  # doctest: +SKIP
     """
     from posefuse.foundation.output_file import check_output_file
+    from posefuse.realtime.session import stop_requests
     from posefuse_teleop.process import RobotLink, RobotPlan
     from posefuse_teleop.session import run_control_loop
-    from posefuse_teleop.settings import TeleoperationSettings
+    from posefuse_teleop.settings import RosPlan, TeleoperationSettings
     from posefuse_teleop.switches import open_deadman
 
     settings = settings or TeleoperationSettings()
@@ -82,7 +84,9 @@ def teleoperate(
         scene=scene,
     )
     with ExitStack() as stack:
-        switch = open_deadman(deadman, gesture_allowed=command is None or emergency_stop, ros=ros)
+        switch = open_deadman(
+            deadman, gesture_allowed=command is None or emergency_stop, ros=lambda: ros or RosPlan.listening(session.ros)
+        )
         stack.callback(switch.close)
         watches = [] if watch is None else [watch]
         if show is not None:
@@ -97,7 +101,10 @@ def teleoperate(
         stack.enter_context(session)
         with shown(progress) as report:
             report("teleoperation", 0, None, switch.hint)
-        return run_control_loop(session, switch, link, settings, watches=watches)
+        with stop_requests() as stopped:
+            summary = run_control_loop(session, switch, link, settings, watches=watches, stopped=stopped)
+            stack.close()
+    return summary
 
 
 def _check(settings: TeleoperationSettings, command: str | None) -> None:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 from cyclopts import Group, Parameter
 
 import posefuse as pf
-from posefuse.cli.live import LIVE_SETTINGS, LiveOptions, TimingOptions
+from posefuse.cli.live import LIVE_SETTINGS, LiveOptions, TimingOptions, how_it_ended
 from posefuse.cli.options import (
     ONE_WORD,
     OUTPUTS,
@@ -200,7 +200,8 @@ def teleoperate(
             watch=_News(terminal),
             progress=report,
         )
-    return _shown(done, terminal)
+    code = how_it_ended(done.stopped_by, timing.duration, terminal, failed=bool(done.fault))
+    return {**_shown(done, terminal), "exit_code": code}
 
 
 class _News:
@@ -250,5 +251,6 @@ def _shown(done: "Summary", terminal: Terminal) -> Mapping[str, Any]:
         "latency_p95_ms": p95,
         "robot_late": done.robot_late,
         "seconds": done.seconds,
+        "stopped_by": done.stopped_by,
         "failed": bool(done.fault),
     }

@@ -23,6 +23,7 @@ from posefuse.core.arrays import Array
 
 from .hands import TRUNK
 from .settings import (
+    AHEAD_S,
     BEATS_TO_ENGAGE,
     FOREARM_SHARE,
     FULL_VIEWS,
@@ -91,8 +92,6 @@ def _new(t_ns: int | None, now_ns: int) -> bool:
 
 # a gate that was not stepped for this long has lost track of the state
 _STALLED_S = 0.1
-# clocks of one machine, and poses that are predicted to the next output tick, may be ahead by so much
-_AHEAD_S = 0.05
 
 
 class Finding(NamedTuple):
@@ -119,14 +118,14 @@ def robot_finding(robot: RobotState | None, now_ns: int) -> Finding:
     """The robot's state is there, new and finite."""
     if robot is None:
         return Finding(0.0, "no state of the robot")
-    if not -_AHEAD_S * 1e9 <= now_ns - robot.sent_ns <= ROBOT_AGE_S * 1e9:
+    if not -AHEAD_S * 1e9 <= now_ns - robot.sent_ns <= ROBOT_AGE_S * 1e9:
         return Finding(0.0, "state of the robot is too old")
     return FINE if robot.usable else Finding(0.0, "state of the robot is not finite")
 
 
 def camera_finding(cameras: CameraReport | None, now_ns: int, settings: GateSettings) -> Finding:
     """Enough cameras are healthy; with some faulty the speed limit falls with their share."""
-    if cameras is None or not -_AHEAD_S * 1e9 <= now_ns - cameras.t_ns <= HEALTH_S * 1e9:
+    if cameras is None or not -AHEAD_S * 1e9 <= now_ns - cameras.t_ns <= HEALTH_S * 1e9:
         return Finding(0.0, "no news of the cameras")
     if cameras.healthy < settings.least_cameras or cameras.healthy > cameras.total:
         return Finding(0.0, f"{cameras.healthy} of {cameras.total} cameras are well")
@@ -160,7 +159,7 @@ def time_problem(view: OperatorView, before_ns: int | None, changed_ns: int | No
         before_ns: of the view before; None: there is none. changed_ns: when the hands differed last from those before.
     """
     for t_ns in (view.t_ns, view.measured_ns):
-        if now_ns - t_ns < -_AHEAD_S * 1e9:
+        if now_ns - t_ns < -AHEAD_S * 1e9:
             return "pose from the future"
     if now_ns - view.measured_ns > settings.pose_age_s * 1e9 or now_ns - view.t_ns > settings.pose_age_s * 1e9:
         return "pose is too old"

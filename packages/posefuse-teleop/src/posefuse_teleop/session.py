@@ -151,6 +151,7 @@ class Summary:
         seconds: it lasted. ticks: steps by phase. reasons: steps by what limited or held the robot.
         latency_ms: mid-exposure of the newest image to the command that used it, newest ones. engagements: how often.
         robot_late: control steps of the robot's side that were late. fault: why it ended early; empty when it did not.
+        stopped_by: name of the signal that ended it; empty when none did.
     """
 
     seconds: float = 0.0
@@ -160,6 +161,7 @@ class Summary:
     engagements: int = 0
     robot_late: int = 0
     fault: str = ""
+    stopped_by: str = ""
 
 
 def run_control_loop(
@@ -169,14 +171,18 @@ def run_control_loop(
     settings: TeleoperationSettings,
     *,
     watches: Sequence[Callable[[Operator, Order | None], None]] = (),
+    stopped: Sequence[str] = (),
 ) -> Summary:
-    """Teleoperate until the session or the robot's process has ended. watches: called with every step."""
+    """Teleoperate until the session or the robot's process has ended, or a request to end is in `stopped`.
+
+    watches: called with every step.
+    """
     period_s = 1.0 / settings.robot.rate_hz
     operator, summary, begun_s = Operator(), Summary(), time.monotonic()
     used_ns: int | None = None
     image_ns, found = 0, None
     try:
-        while not session.ended:
+        while not (session.ended or stopped):
             session.wait_newer(-1 if found is None else found.message.pose.t_ns, period_s)
             now_ns, found = time.monotonic_ns(), session.newest()
             view = None if found is None else _view(found, operator, settings)
@@ -191,7 +197,7 @@ def run_control_loop(
                 watch(operator, order)
     except PosefuseError as error:
         summary.fault = str(error)
-    summary.seconds = time.monotonic() - begun_s
+    summary.seconds, summary.stopped_by = time.monotonic() - begun_s, next(iter(stopped), "")
     return summary
 
 

@@ -5,6 +5,7 @@ Where ROS is (`RosPlan`) is stated here without importing it.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
@@ -26,6 +27,8 @@ HEARTBEAT_S, BEATS_TO_ENGAGE = 0.1, 3
 FULL_VIEWS = 3
 # the newest report of the cameras, and the newest state of the robot, may be so old
 HEALTH_S, ROBOT_AGE_S = 1.0, 0.1
+# clocks may differ by so much, and poses that are predicted to the next output tick be ahead
+AHEAD_S = 0.05
 # everything must be in order for so long before the robot moves (again); what is lost for longer needs a new press
 SETTLE_S, REENGAGE_S = 0.1, 0.5
 # a robot slower than this stands
@@ -176,6 +179,12 @@ class RosPlan:
     controller: str = "/joint_trajectory_controller/joint_trajectory"
     cmd_vel: str = ""
     stamped: bool = True
+
+    @staticmethod
+    def listening(ros: Mapping[str, Any]) -> RosPlan:
+        """ROS 2 where a session with these options has it, see `posefuse.live`."""
+        options = {name: value for name, value in ros.items() if name != "sim_time"}
+        return RosPlan(network=package_of_extra("posefuse_ros.dds_domain", "ros").Network(**options))
 
     def node(self, name: str) -> Any:
         """An open node; raises DependencyError or SourceError where there is no ROS to talk to."""

@@ -12,6 +12,7 @@ import sys
 import threading
 import time
 from collections import deque
+from collections.abc import Callable
 from dataclasses import dataclass
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from importlib.resources import files
@@ -21,7 +22,7 @@ from posefuse.core import ConfigError, MessageError, SourceError
 from posefuse.core.extras import package_of_extra
 
 from .gate import Beat
-from .settings import RosPlan
+from .settings import AHEAD_S, RosPlan
 from .values import OperatorView
 
 _MOST_JOY_BYTES = 10_000
@@ -200,8 +201,10 @@ class RosJoySwitch:
             self._down = down
             if 0 in down:
                 self._seq += 1
+                sent_ns = sample.sent_ns - offset_ns
                 # a stamp a little ahead is of now: clocks of two machines differ
-                sent_ns = min(sample.sent_ns - offset_ns, now_ns)
+                if sent_ns <= now_ns + AHEAD_S * 1e9:
+                    sent_ns = min(sent_ns, now_ns)
                 heartbeats.append(Beat(seq=self._seq, sent_ns=sent_ns, grip=self._grip))
         return Pressed(heartbeats=tuple(heartbeats), emergency=2 in events, reset=3 in events)
 
@@ -268,6 +271,8 @@ class WebSwitch:
 
         class Handler(BaseHTTPRequestHandler):
             protocol_version = "HTTP/1.1"
+            # an answer is two writes: the second would wait 40 ms for the receipt of the first, which makes heartbeats too old
+            disable_nagle_algorithm = True
 
             def do_GET(self) -> None:
                 good = self.path == f"/{switch._key}/"
@@ -320,8 +325,8 @@ class GestureSwitch:
 KINDS = "key, joystick:/dev/input/js0, ros:/joy, web, web:PORT, gesture"
 
 
-def open_deadman(text: str | DeadMan, *, gesture_allowed: bool = True, ros: RosPlan | None = None) -> DeadMan:
-    """The switch of ``--deadman``; one that is open already is returned. ros: where its topic is; None: domain 0 of ROS 2.
+def open_deadman(text: str | DeadMan, *, gesture_allowed: bool = True, ros: Callable[[], RosPlan] = RosPlan) -> DeadMan:
+    """The switch of ``--deadman``; one that is open already is returned. ros: where its topic is.
 
     Raises:
         ConfigError: no such switch, or a gesture where it alone is not enough. SourceError: it cannot be opened.
@@ -334,7 +339,7 @@ def open_deadman(text: str | DeadMan, *, gesture_allowed: bool = True, ros: RosP
     if kind == "joystick" and where:
         return JoystickSwitch(where)
     if kind == "ros" and where.startswith("/"):
-        return RosJoySwitch(where, ros or RosPlan())
+        return RosJoySwitch(where, ros())
     if kind == "web" and (not where or where.isdecimal()):
         return WebSwitch(int(where or 0))
     if text == "gesture":

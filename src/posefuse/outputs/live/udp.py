@@ -8,13 +8,14 @@ from __future__ import annotations
 import json
 import socket
 import struct
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from types import MappingProxyType
 from typing import Annotated, Any, ClassVar, Literal
 
 import numpy as np
 from annotated_types import MinLen
 
-from posefuse.core import Closing, ConfigError, JointAngles, LiveMessage, LiveOutput, LivePose, LiveStart, Pose3D
+from posefuse.core import Closing, ConfigError, JointAngles, LiveMessage, LiveNames, LiveOutput, LivePose, LiveStart, Pose3D
 from posefuse.core.arrays import Array
 from posefuse.core.errors import choices
 from posefuse.core.poses import point_sigma_m
@@ -30,6 +31,7 @@ _MAX_PACKET = 1400
 _NTP_FROM_UNIX_S = 2_208_988_800
 _NOW = b"\0\0\0\0\0\0\0\1"
 Argument = int | float | str
+UNNAMED: Mapping[int, str] = MappingProxyType({})
 
 
 def osc_message(address: str, *arguments: Argument) -> bytes:
@@ -73,7 +75,7 @@ def osc_from_pose(pose: Pose3D, joints: JointAngles | None, axes: str) -> list[b
     return datagrams
 
 
-def json_from_pose(pose: Pose3D, joints: JointAngles | None, axes: str, names: Sequence[str] = ()) -> list[bytes]:
+def json_from_pose(pose: Pose3D, joints: JointAngles | None, axes: str, names: Mapping[int, str] = UNNAMED) -> list[bytes]:
     """Datagrams of one time step, one per person; `axes` is one of `AXES`, `names` those of the people by id."""
     datagrams = []
     for n, person in enumerate(int(person) for person in pose.person_id):
@@ -81,7 +83,7 @@ def json_from_pose(pose: Pose3D, joints: JointAngles | None, axes: str, names: S
         content = {
             "t_ns": pose.t_ns,
             "person": person,
-            **({"name": names[person]} if 0 <= person < len(names) else {}),
+            **({"name": name} if (name := names.get(person)) else {}),
             "skeleton": pose.skeleton.name,
             "axes": axes,
             "keypoints": {name: [round(v, 5) for v in xyz] for name, xyz, _ in keypoints},
@@ -188,7 +190,7 @@ def _resolved(address: str) -> tuple[int, tuple[object, ...]]:
 
 
 Axes = Literal["z_up", "y_up", "y_up_left_handed"]
-Packets = Callable[[Pose3D, JointAngles | None, str, tuple[str, ...]], list[bytes]]
+Packets = Callable[[Pose3D, JointAngles | None, str, Mapping[int, str]], list[bytes]]
 
 
 @settings
@@ -218,6 +220,8 @@ class OscConfig(_Listeners):
 class JsonConfig(_Listeners):
     """Poses as JSON datagrams over UDP, one per person."""
 
+    takes: ClassVar[tuple[type[LiveMessage], ...]] = (LivePose, LiveNames)
+
     def build(self) -> LiveOutput:
         """Not yet opened."""
         return UdpOutput("json", self.to, self.axes, json_from_pose)
@@ -233,15 +237,17 @@ class UdpOutput:
         self.name, self.where = name, ", ".join(addresses)
         self._addresses, self._axes, self._packets = addresses, axes, packets
         self._stream: Any = None
-        self._person_names: tuple[str, ...] = ()
+        self._names: dict[int, str] = {}
 
     def take(self, message: LiveMessage) -> None:
         """See `LiveOutput`."""
         match message:
             case LiveStart():
-                self._stream, self._person_names = UdpStream(self._addresses), message.names
+                self._stream, self._names = UdpStream(self._addresses), dict(enumerate(message.names))
+            case LiveNames(names=names):
+                self._names |= names
             case LivePose():
-                self._stream.send(self._packets(message.pose, message.joints, self._axes, self._person_names))
+                self._stream.send(self._packets(message.pose, message.joints, self._axes, self._names))
 
     def close(self) -> None:
         """Close the socket."""

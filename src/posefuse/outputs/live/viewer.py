@@ -14,6 +14,7 @@ from posefuse.core import (
     LiveDetections,
     LiveHealth,
     LiveMessage,
+    LiveNames,
     LiveOutput,
     LivePose,
     LivePreview,
@@ -57,7 +58,7 @@ class RerunLiveConfig:
     """
 
     file: Path | None = None
-    takes: ClassVar[tuple[type[LiveMessage], ...]] = (LivePose, LiveDetections, LivePreview, LiveHealth)
+    takes: ClassVar[tuple[type[LiveMessage], ...]] = (LivePose, LiveNames, LiveDetections, LivePreview, LiveHealth)
     keeps_all: ClassVar[bool] = False
 
     def build(self) -> LiveOutput:
@@ -80,7 +81,7 @@ class RerunLiveOutput:
         self._shown_ns: dict[str, int] = {}
         self._captured: dict[str, tuple[int, float]] = {}
         self._people: set[int] = set()
-        self._names: tuple[str, ...] = ()
+        self._names: dict[int, str] = {}
 
     def take(self, message: LiveMessage) -> None:
         """See `LiveOutput`."""
@@ -93,6 +94,8 @@ class RerunLiveOutput:
                 log_detections(self._stream, view.camera, view.xy_img[view.score > 0], _DETECTION_RGB)
             case LivePreview():
                 self._preview(message)
+            case LiveNames(names=names):
+                self._names |= names
             case LiveHealth():
                 self._health(message.t_ns, message.cameras)
 
@@ -107,7 +110,7 @@ class RerunLiveOutput:
         if self._config.file is not None:
             self.where = str(part_path(self._config.file, start.part))
         place = SPAWN if self._config.file is None else self.where
-        self._rig, self._zero_ns, self._names = start.rig, start.t_ns, start.names
+        self._rig, self._zero_ns, self._names = start.rig, start.t_ns, dict(enumerate(start.names))
         self._stream = opened_stream("posefuse live", place, session_blueprint(start.rig.names, _below()))
         log_cameras(self._stream, start.rig.cameras, _GOOD_RGB)
         for number, camera in enumerate(self._rig):
@@ -127,7 +130,7 @@ class RerunLiveOutput:
 
         for person, xyz in zip(pose.person_id.tolist(), pose.xyz_world, strict=True):
             log_person(self._stream, f"world/people/{person}", pose.skeleton, xyz)
-            log_name(self._stream, f"world/people/{person}", person_name(self._names, person), xyz)
+            log_name(self._stream, f"world/people/{person}", self._names.get(person) or person_name((), person), xyz)
         for gone in self._people - set(pose.person_id.tolist()):
             self._stream.log(f"world/people/{gone}", rr.Clear(recursive=True))
         self._people = set(pose.person_id.tolist())
