@@ -35,6 +35,19 @@ def test_recordings_are_named_by_mapping_or_by_file(tmp_path: Path) -> None:
     refusal(InputError, "two recordings are named cam", paths_by_camera, ["one/cam.mp4", "two/cam.mp4"])
 
 
+def test_a_session_folder_holds_videos_or_folders_of_images_as_track_and_the_simulator_have_them(tmp_path: Path) -> None:
+    videos = tmp_path / "videos"
+    for name in ("cam00", "cam01"):
+        (videos / name).mkdir(parents=True)
+        (videos / name / "000.jpg").touch()
+    (videos / "notes").mkdir()
+    assert paths_by_camera(tmp_path) == {"cam00": videos / "cam00", "cam01": videos / "cam01"}
+    (videos / "cam02.mp4").touch()
+    assert paths_by_camera([tmp_path])["cam02"] == videos / "cam02.mp4"
+    (videos / "cam00.mp4").touch()
+    refusal(InputError, "two recordings are named cam00", paths_by_camera, tmp_path)
+
+
 def test_what_is_wrong_is_reported_before_any_work(lab: Any, tmp_path: Path) -> None:
     with pytest.raises(InputError, match="needs a target of markers"):
         calibrate_extrinsics(["none.mp4"], intrinsics=lab.rig, target=BOARD, floor=FloorMarker(7))

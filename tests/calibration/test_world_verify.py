@@ -22,7 +22,7 @@ from posefuse.calibration.extrinsics.world import (
     triangulate_linear,
 )
 from posefuse.calibration.targets.corners import CornerObservations
-from posefuse.calibration.targets.kinds import Charuco, Markers
+from posefuse.calibration.targets.kinds import Charuco, Chessboard, Markers
 from posefuse.calibration.verify import point_covariance, verify
 from posefuse.core import SE3, CalibrationError, Rig
 from posefuse.health import rig_monitor as monitor
@@ -140,6 +140,13 @@ def test_exchanged_cameras_are_refused_with_figures_that_are_known(lab: Any, cam
     assert "have exchanged names" in moved.detail
     assert "nan" not in details and "inf" not in details
     assert max(map(float, re.findall(r"([0-9.]+) px rms", details)), default=0.0) <= lab.rig.cameras[0].size_wh[0]
+
+
+def test_a_chessboard_cannot_verify_a_rig(lab: Any) -> None:
+    """A camera that counts its corners from the other end saw them a board away: a right rig was refused, cameras blamed."""
+    refusal(
+        CalibrationError, "looks the same from both ends; use a ChArUco", verify, lab.rig, board_seen(lab), Chessboard(4, 6, 0.05)
+    )
 
 
 def test_noise_of_the_corners_neither_refuses_a_rig_nor_changes_its_scale(lab: Any) -> None:
