@@ -340,10 +340,29 @@ def test_an_inverted_board_has_its_corners_where_the_usual_one_has_them() -> Non
 def test_a_back_that_cannot_be_is_refused() -> None:
     with pytest.raises(ConfigError, match="DICT_4X4_50 has markers 0 to 49, this target needs 0 to 69; take a larger dictionary"):
         Charuco(columns=7, rows=10, square_m=0.05, marker_m=0.03, thickness_m=0.005)
-    with pytest.raises(ConfigError, match="thickness_mm: only a charuco has a back side"):
-        described_target(
-            TargetDescription(kind="markers", marker_mm=100.0, thickness_mm=3.0), lambda names: ConfigError(str(names))
-        )
+
+
+@pytest.mark.parametrize(
+    ("said", "words"),
+    [
+        (TargetDescription(kind="markers", marker_mm=100.0, thickness_mm=3.0), "thickness_mm: a target of kind markers has none"),
+        (
+            TargetDescription(kind="charuco", columns=5, rows=7, square_mm=50, marker_mm=37, ids=(40, 41)),
+            "ids: a target of",
+        ),
+        (
+            TargetDescription(kind="markers", marker_mm=37.0, columns=5, square_mm=50),
+            "columns, square_mm: a target",
+        ),
+        (
+            TargetDescription(kind="chessboard", columns=9, rows=6, square_mm=25, inverted=True),
+            "inverted: a target of",
+        ),
+    ],
+)
+def test_what_a_kind_of_target_does_not_have_is_refused(said: TargetDescription, words: str) -> None:
+    """All but the first were taken, and ignored without a word."""
+    refusal(ConfigError, words, described_target, said, lambda names: ConfigError(str(names)))
 
 
 def detected(target: Charuco, grey: np.ndarray) -> Corners:

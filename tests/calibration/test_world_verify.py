@@ -72,6 +72,23 @@ def test_three_points_set_the_world_and_check_the_scale(lab: Any) -> None:
     refusal(CalibrationError, "they lie on a line", lambda: ThreePoints(line).rule.new_from_old(elsewhere))
 
 
+@pytest.mark.parametrize(
+    ("spoil", "words"),
+    [
+        (lambda xy: xy[[0, 2, 1]], r"(x|y) is marked at another place in cam01: up to \d+ px off"),
+        (lambda xy: xy + [[0, 0], [25, -25], [0, 0]], r"x is marked at another place in cam01: up to \d\d px off \(limit \d"),
+    ],
+)
+def test_a_point_that_is_marked_at_another_place_in_one_camera_is_named(lab: Any, spoil: Any, words: str) -> None:
+    """x and y exchanged in one camera tilted the world and moved cameras by 1.8 m, without a word."""
+    points = np.array([[0, 0, 0], [1.5, 0, 0], [0.2, 1.0, 0]])
+    by_hand = np.random.default_rng(4).uniform(-1.5, 1.5, (len(lab.rig), 3, 2))
+    marked = {camera.name: camera.project(points) + off for camera, off in zip(lab.rig, by_hand, strict=True)}
+    ThreePoints(marked).rule.new_from_old(lab.rig)
+    marked["cam01"] = spoil(marked["cam01"])
+    refusal(CalibrationError, words, lambda: ThreePoints(marked).rule.new_from_old(lab.rig))
+
+
 def test_the_floor_is_found_under_feet_that_are_lifted_half_of_the_time() -> None:
     random = np.random.default_rng(1)
     feet = np.column_stack([random.uniform(-2, 2, 600), random.uniform(-1, 1, 600), np.abs(random.normal(0, 0.12, 600))])

@@ -177,9 +177,14 @@ def _solve_model(views: list[_View], size_wh: tuple[int, int], flags: int) -> _S
     )  # fmt: skip
     errors = np.asarray(sigma).ravel()[:9]
     return _Solved(
-        np.asarray(K), np.asarray(distortion).ravel()[:5], errors, float(rms), np.asarray(per_view).ravel(),
-        np.asarray(rotvec).reshape(-1, 3), np.asarray(xyz).reshape(-1, 3),
-    )  # fmt: skip
+        K=np.asarray(K),
+        distortion=np.asarray(distortion).ravel()[:5],
+        sigma=errors,
+        rms_px=float(rms),
+        view_rms_px=np.asarray(per_view).ravel(),
+        rotvec=np.asarray(rotvec).reshape(-1, 3),
+        xyz=np.asarray(xyz).reshape(-1, 3),
+    )
 
 
 def _result(
