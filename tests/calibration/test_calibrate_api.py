@@ -10,7 +10,7 @@ from checks import refusal
 
 from posefuse.api.calibrate import calibrate_extrinsics, calibrate_person, verify
 from posefuse.api.calibration_results import ClockCalibration, RigCalibration, clock_blocks
-from posefuse.api.targets import print_target
+from posefuse.api.targets import floor_of, print_target
 from posefuse.api.values import rig_of
 from posefuse.calibration.clocks.sync import ClockEstimate
 from posefuse.calibration.extrinsics import target as moving_target
@@ -35,9 +35,28 @@ def test_recordings_are_named_by_mapping_or_by_file(tmp_path: Path) -> None:
     refusal(InputError, "two recordings are named cam", paths_by_camera, ["one/cam.mp4", "two/cam.mp4"])
 
 
+def test_a_session_folder_holds_videos_or_folders_of_images_as_track_and_the_simulator_have_them(tmp_path: Path) -> None:
+    videos = tmp_path / "videos"
+    for name in ("cam00", "cam01"):
+        (videos / name).mkdir(parents=True)
+        (videos / name / "000.jpg").touch()
+    (videos / "notes").mkdir()
+    assert paths_by_camera(tmp_path) == {"cam00": videos / "cam00", "cam01": videos / "cam01"}
+    (videos / "cam02.mp4").touch()
+    assert paths_by_camera([tmp_path])["cam02"] == videos / "cam02.mp4"
+    (videos / "cam00.mp4").touch()
+    refusal(InputError, "two recordings are named cam00", paths_by_camera, tmp_path)
+
+
 def test_what_is_wrong_is_reported_before_any_work(lab: Any, tmp_path: Path) -> None:
     with pytest.raises(InputError, match="needs a target of markers"):
         calibrate_extrinsics(["none.mp4"], intrinsics=lab.rig, target=BOARD, floor=FloorMarker(7))
+    with pytest.raises(InputError, match="upside_down=cam1`: no such camera; there are: none"):
+        calibrate_extrinsics(["none.mp4"], intrinsics=lab.rig, target=Markers(0.1), upside_down=["cam1"])
+    with pytest.raises(InputError, match="upside_down=cam1`: no such camera; there are: cam00, cam01"):
+        calibrate_person(dict.fromkeys(lab.rig.names[:2], tmp_path), intrinsics=lab.rig, height_m=1.8, upside_down=["cam1"])
+    with pytest.raises(InputError, match="floor_side_mm=MM`: of which marker"):
+        floor_of(Markers(0.1), side_mm=650.0)
     with pytest.raises(InputError, match=r"none\.mp4: no such video"):
         calibrate_extrinsics(["none.mp4"], intrinsics=lab.rig, target=Markers(0.1))
     with pytest.raises(InputError, match="do not state their frame rate"):

@@ -156,6 +156,9 @@ def test_verification_reads_the_clocks_that_a_calibration_wrote(lab: Any, tmp_pa
     assert saved_clocks(path, lab.rig) == {"cam01": 0.12, "cam02": -0.05}
     path.write_text("[cameras.cam01]\noffset_s = 0.1\ndrift_ppm = 20.0\n")
     refusal(InputError, "the clock of cam01 drifts", saved_clocks, path, lab.rig)
+    # `verify` left them out without a word, and found the clock of cam01 wrong; `track` refuses them
+    path.write_text("[cameras.cam_01]\noffset_s = -0.1\n")
+    refusal(InputError, "no camera cam_01 in the rig; there are: cam00, cam01", saved_clocks, path, lab.rig)
 
 
 def test_a_session_folder_stands_for_its_videos(tmp_path: Path) -> None:

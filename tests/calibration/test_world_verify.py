@@ -22,7 +22,7 @@ from posefuse.calibration.extrinsics.world import (
     triangulate_linear,
 )
 from posefuse.calibration.targets.corners import CornerObservations
-from posefuse.calibration.targets.kinds import Charuco, Markers
+from posefuse.calibration.targets.kinds import Charuco, Chessboard, Markers
 from posefuse.calibration.verify import point_covariance, verify
 from posefuse.core import SE3, CalibrationError, Rig
 from posefuse.health import rig_monitor as monitor
@@ -70,6 +70,23 @@ def test_three_points_set_the_world_and_check_the_scale(lab: Any) -> None:
         ThreePoints(marked, 1.4).rule.new_from_old(elsewhere)
     line = {camera.name: camera.project(points * [1, 0.01, 1]) for camera in lab.rig}
     refusal(CalibrationError, "they lie on a line", lambda: ThreePoints(line).rule.new_from_old(elsewhere))
+
+
+@pytest.mark.parametrize(
+    ("spoil", "words"),
+    [
+        (lambda xy: xy[[0, 2, 1]], r"(x|y) is marked at another place in cam01: up to \d+ px off"),
+        (lambda xy: xy + [[0, 0], [25, -25], [0, 0]], r"x is marked at another place in cam01: up to \d\d px off \(limit \d"),
+    ],
+)
+def test_a_point_that_is_marked_at_another_place_in_one_camera_is_named(lab: Any, spoil: Any, words: str) -> None:
+    """x and y exchanged in one camera tilted the world and moved cameras by 1.8 m, without a word."""
+    points = np.array([[0, 0, 0], [1.5, 0, 0], [0.2, 1.0, 0]])
+    by_hand = np.random.default_rng(4).uniform(-1.5, 1.5, (len(lab.rig), 3, 2))
+    marked = {camera.name: camera.project(points) + off for camera, off in zip(lab.rig, by_hand, strict=True)}
+    ThreePoints(marked).rule.new_from_old(lab.rig)
+    marked["cam01"] = spoil(marked["cam01"])
+    refusal(CalibrationError, words, lambda: ThreePoints(marked).rule.new_from_old(lab.rig))
 
 
 def test_the_floor_is_found_under_feet_that_are_lifted_half_of_the_time() -> None:
@@ -140,6 +157,13 @@ def test_exchanged_cameras_are_refused_with_figures_that_are_known(lab: Any, cam
     assert "have exchanged names" in moved.detail
     assert "nan" not in details and "inf" not in details
     assert max(map(float, re.findall(r"([0-9.]+) px rms", details)), default=0.0) <= lab.rig.cameras[0].size_wh[0]
+
+
+def test_a_chessboard_cannot_verify_a_rig(lab: Any) -> None:
+    """A camera that counts its corners from the other end saw them a board away: a right rig was refused, cameras blamed."""
+    refusal(
+        CalibrationError, "looks the same from both ends; use a ChArUco", verify, lab.rig, board_seen(lab), Chessboard(4, 6, 0.05)
+    )
 
 
 def test_noise_of_the_corners_neither_refuses_a_rig_nor_changes_its_scale(lab: Any) -> None:

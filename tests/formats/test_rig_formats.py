@@ -124,8 +124,10 @@ def test_a_rotation_vector_turns_as_in_opencv(tmp_path: Path, ring_rig: Callable
     np.testing.assert_allclose(seen[:, 0], rig["cam01"].project(points), atol=1e-6)
 
 
+@pytest.mark.parametrize("shape", [(1, -1), (-1, 1), (-1,)])
 @pytest.mark.parametrize("ending", ["yaml", "json"])
-def test_we_read_opencvs_files(tmp_path: Path, ring_rig: Callable[..., Rig], ending: str) -> None:
+def test_we_read_opencvs_files(tmp_path: Path, ring_rig: Callable[..., Rig], ending: str, shape: tuple[int, ...]) -> None:
+    """OpenCV 5 writes vectors of one dimension as another kind of matrix."""
     cv2 = pytest.importorskip("cv2")
     rig = ring_rig(3, distortion=(1e-5, -0.05, 1e-7, 0.002, 0.03))
     (tmp_path / "cameras").mkdir()
@@ -134,9 +136,9 @@ def test_we_read_opencvs_files(tmp_path: Path, ring_rig: Callable[..., Rig], end
         storage.write("image_width", camera.size_wh[0])
         storage.write("image_height", camera.size_wh[1])
         storage.write("cameraMatrix", camera.K)
-        storage.write("distCoeffs", camera.distortion.reshape(1, 5))
-        storage.write("rvec", camera.cam_from_world.rotvec().reshape(3, 1))
-        storage.write("tvec", camera.cam_from_world.xyz.reshape(3, 1))
+        storage.write("distCoeffs", camera.distortion.reshape(shape))
+        storage.write("rvec", camera.cam_from_world.rotvec().reshape(shape))
+        storage.write("tvec", camera.cam_from_world.xyz.reshape(shape))
         storage.release()
     assert read_rig(tmp_path / "cameras").id == rig.id
 

@@ -7,10 +7,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from built import poses, recording_from_views, turned
-from checks import assert_same
+from checks import assert_same, refusal
 from synthetic_walk import BODY, walker
 
-from posefuse.core import Recording, Rig
+from posefuse.calibration.settings import RefineSettings
+from posefuse.core import ConfigError, Recording, Rig
 from posefuse.foundation.parsing import plain
 from posefuse.pipeline.config import TrackConfig
 from posefuse.pipeline.solve import REFINED, solve, solve_again
@@ -59,3 +60,13 @@ def test_a_camera_that_was_turned_costs_less(observed: Recording) -> None:
 def test_a_refined_recording_is_solved_again_to_the_last_bit(observed: Recording) -> None:
     first = solved(observed, CONFIG)
     assert_same(solve_again(first), first)
+
+
+def test_a_refined_recording_is_not_solved_as_if_it_were_refined_otherwise(observed: Recording) -> None:
+    """Its rig stayed as it was, and the provenance stated the other settings."""
+    first = solved(observed, CONFIG)
+    refusal(
+        ConfigError, "refine_rig: the rig was refined with another value", solve_again, first, replace(CONFIG, refine_rig=False)
+    )
+    looser = replace(CONFIG, refine=RefineSettings(move_sigma_m=0.05))
+    refusal(ConfigError, "refine: the rig was refined with another value", solve_again, first, looser)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, Literal
@@ -41,6 +41,7 @@ from posefuse.calibration.targets.recordings import (
 )
 from posefuse.core import SE3, CalibrationError, InputError, Progress
 from posefuse.core.arrays import Array
+from posefuse.core.errors import choices
 from posefuse.formats.rig import rescaled_cameras
 from posefuse.health.background import background_of
 from posefuse.pipeline.calibration import (
@@ -194,6 +195,7 @@ def calibrate_extrinsics(
     if lenses is None and focal_known_to_percent is not None:
         raise InputError("`focal_known_to_percent=P`: needs `intrinsics=FILE` to refine; without them, all are estimated")
     check_floor(floor, kind)
+    _check_names(upside_down, inputs.cameras if isinstance(inputs, CornerObservations) else paths_by_camera(inputs))
     if isinstance(inputs, CornerObservations):
         seen = inputs
     else:
@@ -279,6 +281,7 @@ def calibrate_person(
     """
     paths, lenses = paths_by_camera(inputs), rig_of(intrinsics)
     check_recordings(paths)
+    _check_names(upside_down, paths)
     chosen = core.Rig(tuple(lenses[name] for name in paths))
     length = _known_length(height_m, camera_distance, chosen)
     cameras = tuple(replace(camera, cam_from_world=SE3.identity()) for camera in chosen)
@@ -389,6 +392,12 @@ def verify(
     fitted, rescaled = rescaled_cameras(cameras.cameras, _sizes_wh(seen))
     measured = verification.verify(replace(cameras, cameras=fitted), seen, kind, late_s)
     return RigVerification(rig=cameras, report=replace(measured.report, notes=(*notes, *rescaled)), measured=measured)
+
+
+def _check_names(upside_down: Sequence[str], cameras: Iterable[str]) -> None:
+    known = tuple(cameras)
+    if unknown := [name for name in upside_down if name not in known]:
+        raise InputError(f"`upside_down={unknown[0]}`: no such camera; there are: {choices(known)}")
 
 
 def _sizes_wh(seen: CornerObservations) -> dict[str, tuple[int, int]]:

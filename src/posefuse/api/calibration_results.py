@@ -16,6 +16,7 @@ from posefuse.calibration.verify import Verification
 from posefuse.core import CalibrationError, Camera, InputError
 from posefuse.core import Rig as CoreRig
 from posefuse.core.arrays import Array
+from posefuse.core.errors import choices
 from posefuse.formats.rig import read_rig, write_rig
 from posefuse.foundation.output_file import check_output_file, keep_copy, write_text
 from posefuse.foundation.summary import Block, Heading, Table
@@ -268,11 +269,11 @@ def saved_clocks(path: Path, rig: CoreRig) -> dict[str, float]:
     """Clock offsets in s by camera name, from the settings file next to a rig file; empty where there are none.
 
     Raises:
-        InputError: settings with a drift, which holds for their own recording only.
+        InputError: settings of a camera that the rig does not have, or with a drift, which holds for their own recording only.
     """
-    if not path.is_file():
-        return {}
-    cameras = {name: one for name, one in read_config(path).cameras.items() if name in rig.names}
+    cameras = read_config(path).cameras if path.is_file() else {}
+    if unknown := sorted(set(cameras) - set(rig.names)):
+        raise InputError(f"{path}: no camera {choices(unknown)} in the rig; there are: {choices(rig.names)}")
     drifting = [name for name, one in cameras.items() if one.drift_ppm]
     if drifting:
         raise InputError(

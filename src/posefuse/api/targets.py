@@ -118,6 +118,8 @@ def floor_of(
     """
     if marker is not None and points is not None:
         raise InputError("`floor_points=FILE`, `floor_marker=ID`: one of the two sets the world")
+    if side_mm is not None and marker is None:
+        raise InputError("`floor_side_mm=MM`: of which marker? add `floor_marker=ID`")
     if points is not None:
         return read_floor_points(Path(points))
     if marker is None:

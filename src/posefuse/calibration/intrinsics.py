@@ -1,7 +1,8 @@
 """One camera's intrinsics and lens from views of a flat board (Zhang 2000, by OpenCV's solver).
 
 The views are picked here: sharp ones, spread over place, size and slant. The lens gets no more coefficients than the
-views can carry, and a result whose standard errors or coverage are poor is refused with the reason.
+views can carry, and a result whose standard errors or coverage are poor is refused with the reason. So is one that would
+change if the board were not quite as described or the focus not fixed: see `_assumptions`.
 """
 
 from __future__ import annotations
@@ -12,6 +13,7 @@ from typing import Any
 import cv2
 import numpy as np
 
+from posefuse.calibration.extrinsics.limits import LIMITS
 from posefuse.calibration.report import CalibrationReport, Check
 from posefuse.calibration.targets.corners import CornerObservations
 from posefuse.calibration.targets.coverage import coverage
@@ -149,6 +151,7 @@ class _Solved:
     rms_px: float
     view_rms_px: Array
     rotvec: Array
+    xyz: Array
 
 
 def _solve(views: list[_View], size_wh: tuple[int, int]) -> _Solved:
@@ -166,7 +169,7 @@ def _solve(views: list[_View], size_wh: tuple[int, int]) -> _Solved:
 
 def _solve_model(views: list[_View], size_wh: tuple[int, int], flags: int) -> _Solved:
     calibrate: Any = cv2.calibrateCameraExtended  # whose stubs forbid None where the documentation asks for it
-    rms, K, distortion, rotvec, _, sigma, _, per_view = calibrate(
+    rms, K, distortion, rotvec, xyz, sigma, _, per_view = calibrate(
         [view.xyz.astype(np.float32) for view in views],
         [view.xy.astype(np.float32).reshape(-1, 1, 2) for view in views],
         size_wh, None, None, flags=flags,
@@ -174,9 +177,14 @@ def _solve_model(views: list[_View], size_wh: tuple[int, int], flags: int) -> _S
     )  # fmt: skip
     errors = np.asarray(sigma).ravel()[:9]
     return _Solved(
-        np.asarray(K), np.asarray(distortion).ravel()[:5], errors, float(rms), np.asarray(per_view).ravel(),
-        np.asarray(rotvec).reshape(-1, 3),
-    )  # fmt: skip
+        K=np.asarray(K),
+        distortion=np.asarray(distortion).ravel()[:5],
+        sigma=errors,
+        rms_px=float(rms),
+        view_rms_px=np.asarray(per_view).ravel(),
+        rotvec=np.asarray(rotvec).reshape(-1, 3),
+        xyz=np.asarray(xyz).reshape(-1, 3),
+    )
 
 
 def _result(
@@ -186,7 +194,7 @@ def _result(
     cells = coverage(observations.rows(np.isin(observations.t_ns, times))).cells[0]
     report = CalibrationReport(
         f"camera {name}: intrinsics",
-        _checks(size_wh, solved, cells, len(views)),
+        (*_checks(size_wh, solved, cells, len(views)), *_assumptions(views, solved)),
         notes=(f"{dropped} views left out that fitted far worse than the others",) if dropped else (),
         numbers={"rms_px": solved.rms_px, "views": len(views)}
         | dict(zip(PARAMETERS, [*solved.K[[0, 1, 0, 1], [0, 1, 2, 2]], *solved.distortion], strict=True))
@@ -244,3 +252,77 @@ def _largest_slant(rotvec: Array) -> float:
     """Largest angle between the normals of two views."""
     normals = SE3.from_rotvec(rotvec, np.zeros_like(rotvec)).matrix()[..., 2]
     return float(np.arccos(np.clip((normals @ normals.T).min(), -1, 1)))
+
+
+# of each: name, what it does when it is let free, and the remedy
+_PRINT = ("board is as described", "measure the print in both directions; print it again at 100 %, never 'fit to page'")
+_FLAT = ("board is flat", "glue the print to something flat and stiff, without bubbles")
+_FOCUS = ("focus is fixed", "switch autofocus, zoom and stabilisation off, and record again")
+_PARTS = (0.25, 0.5, 0.75)
+
+
+def _assumptions(views: list[_View], solved: _Solved) -> tuple[Check, ...]:
+    """What the solve takes for granted, each let free by itself in one linear step from the solution.
+
+    One fails when it changes focal length or principal point by more than `LIMITS.focal_share` of the focal length, and differs
+    from 0 by `LIMITS.lens_sigma` standard errors. An error in one shows in others, so that only the surest fails.
+    """
+    kept = np.flatnonzero(solved.sigma > 0)
+    rows = [_freed(view, solved, i, kept) for i, view in enumerate(views)]
+    view, all_rows = np.repeat(np.arange(len(rows)), [len(part) for part in rows]), np.concatenate(rows)
+    lens, (zoom, stretch, *bows), off = all_rows[:, : len(kept)], all_rows[:, len(kept) : -1].T, all_rows[:, -1]
+    nearness = 1 / np.array([_depth_m(one, solved, i) for i, one in enumerate(views)])
+    far, near = np.percentile(nearness, [10, 90])
+    by_depth = (nearness - far) / max(near - far, 1e-9) - 0.5
+    parts = [(np.arange(len(views)) >= part * len(views)) - 0.5 for part in _PARTS]
+    half_m = max(float(np.ptp(one.xyz[:, :2], axis=0).max()) for one in views) / 2
+    # the assumption, the change in words, what it is a multiple of, and whether it is itself a share of the focal length
+    freed: list[tuple[tuple[str, str], str, Array, bool]] = [
+        (_PRINT, "{0:+.2%} longer upwards than across", stretch, False),
+        *((_FLAT, "bent by {1:.1f} mm", bow, False) for bow in bows),
+        (_FOCUS, "focal length {0:+.1%} between far and near", zoom * by_depth[view], True),
+        *((_FOCUS, "focal length {0:+.1%} between earlier and later views", zoom * part[view], True) for part in parts),
+    ]
+    scale = np.linalg.norm(lens, axis=0)
+    freedom = len(off) - len(kept) - 6 * len(views)
+    found = []
+    for assumed, words, column, of_focal in freed:
+        absorbed = np.linalg.lstsq(lens / scale, np.stack([column, off], axis=1), rcond=None)[0]
+        alone, left = (np.stack([column, off], axis=1) - lens / scale @ absorbed).T
+        known = max(float(alone @ alone), 1e-30)
+        change = float(alone @ left) / known
+        sigma = float(np.sqrt(((left - alone * change) ** 2).sum() / freedom / known))
+        # fx, fy, cx, cy come first
+        moves = np.abs(change * (absorbed[:, 0] / scale)[:4] / solved.K[[0, 1, 0, 1], [0, 1, 0, 1]]).max()
+        share = abs(change) if of_focal else float(moves)
+        moved = "" if of_focal else f", which moves focal length or principal point by {share:.1%} of the focal length"
+        line = f"{words.format(change, 1e3 * abs(change) * half_m**2)}{moved} (limit {LIMITS.focal_share:.1%})"
+        found.append((abs(change) / sigma, share > LIMITS.focal_share, assumed, line))
+    found.sort(key=lambda one: one[0], reverse=True)
+    wrong = [one for one in found if one[1] and one[0] >= LIMITS.lens_sigma]
+    lines = {assumed: line for *_, assumed, line in reversed(found)}
+    if wrong and wrong[0] is not found[0]:
+        lines[found[0][2]] += f"; it shows as {wrong[0][3]}"
+    return tuple(Check(one[0], not (wrong and one == found[0][2]), line, one[1]) for one, line in lines.items())
+
+
+def _freed(view: _View, solved: _Solved, i: int, kept: Array) -> Array:
+    """(2n, lens + 6) derivatives of a view's image points, less what its pose absorbs: by the intrinsics that were solved for, a
+    share of both focal lengths, of the board's height, its curvatures (3, 1/m); and at last how far the points are off."""
+    step, (pose, shift) = 1e-4, (solved.rotvec[i], solved.xyz[i])
+    xy, by_pose = cv2.projectPoints(view.xyz, pose, shift, solved.K, solved.distortion)
+    across, up = (view.xyz[:, :2] - view.xyz[:, :2].mean(axis=0)).T
+    none = np.zeros_like(up)
+    board = [np.stack([none, up, none], axis=1)]
+    board += [np.stack([none, none, bow], axis=1) for bow in (across**2, up**2, across * up)]
+    changed = [cv2.projectPoints(view.xyz + step * one, pose, shift, solved.K, solved.distortion)[0] for one in board]
+    by_board = np.stack([(one - xy).ravel() / step for one in changed], axis=1)
+    by_lens = by_pose[:, 6:15]
+    zoom = by_lens[:, :2] @ solved.K[[0, 1], [0, 1]]
+    rows = np.column_stack([by_lens[:, kept], zoom, by_board, (view.xy - xy[:, 0]).ravel()])
+    absorbed, _ = np.linalg.qr(by_pose[:, :6])
+    return np.asarray(rows - absorbed @ (absorbed.T @ rows))
+
+
+def _depth_m(view: _View, solved: _Solved, i: int) -> float:
+    return float((SE3.from_rotvec(solved.rotvec[i], solved.xyz[i]) @ view.xyz)[:, 2].mean())

@@ -128,7 +128,7 @@ def solve_again(recording: Recording, config: TrackConfig | None = None, edits: 
     Raises:
         InputError: the provenance does not have the settings (the recording was not made by posefuse), or edits that are about
             no camera or person of the recording; no frame, or no person could be followed.
-        ConfigError: another value of a setting that the observations were made with.
+        ConfigError: another value of a setting that the observations were made, or the rig was refined with.
         SourceError: nothing recorded between `start_s` and `end_s`, or more time steps than a recording can have.
     """
     about, observations = {**recording.provenance}, recording.observations
@@ -139,7 +139,9 @@ def solve_again(recording: Recording, config: TrackConfig | None = None, edits: 
         chosen = dataclasses.replace(chosen, names=edits.names)
     live = recording.is_live or about.get("second_solve", False)
     if "config" in about:
-        _check_observed(config_of(about), chosen, _OBSERVED if live else (*_OBSERVED, "rate_hz"))
+        _check_same(config_of(about), chosen, _OBSERVED if live else (*_OBSERVED, "rate_hz"), "the detections were made")
+    if REFINED in about:
+        _check_same(config_of(recording.provenance), chosen, ("refine_rig", "refine"), "the rig was refined")
     about["config"] = plain(dataclasses.asdict(chosen))
     for outdated in ("edits", "fitted_people"):
         about.pop(outdated, None)
@@ -167,10 +169,10 @@ def fits_of(cameras: Mapping[str, CameraFit]) -> dict[str, Any]:
     return fits
 
 
-def _check_observed(before: TrackConfig, now: TrackConfig, names: Sequence[str]) -> None:
+def _check_same(before: TrackConfig, now: TrackConfig, names: Sequence[str], done: str) -> None:
     for name in names:
         if getattr(before, name) != getattr(now, name):
-            raise ConfigError(f"{name}: the detections were made with another value; for this one, track the session again")
+            raise ConfigError(f"{name}: {done} with another value; for this one, track the session again")
 
 
 def _on_even_steps(observations: Observations, config: TrackConfig) -> Observations:

@@ -25,6 +25,8 @@ from .snapshots import Snapshots, snapshots
 
 _MOST_STILL_PX = 3.0
 _MOST_STATIC_RMS_PX_PER_1000 = 4.0
+# judgement: a hand marks a point to 2 or 3 px of a small image; what rays leave is less than the error of one of them
+_MOST_MARKED_PX_PER_1000 = 6.0
 
 
 def aligned(observations: CornerObservations, rig: Rig) -> CornerObservations:
@@ -173,6 +175,7 @@ class ThreePoints:
         points = triangulate_linear(rig, xy)
         if not np.isfinite(points).all():
             raise CalibrationError("three points: each must be marked in at least 2 cameras")
+        _require_agreeing(rig, xy, points)
         length = float(np.linalg.norm(points[1] - points[0]))
         if self.origin_to_x_m is not None and abs(length / self.origin_to_x_m - 1) > 0.02:
             raise CalibrationError(
@@ -180,6 +183,30 @@ class ThreePoints:
                 " a wrong marker side, or a point marked wrongly"
             )
         return frame_from_points(points)
+
+
+def _require_agreeing(rig: Rig, xy_img: Array, points: Array) -> None:
+    """Raise CalibrationError, naming the camera, where one marks another place in (C, 3, 2) px than the points (3, 3)."""
+    width = np.array([max(camera.size_wh) for camera in rig])[:, None]
+
+    def off(without: int | None, xyz: Array) -> Array:
+        share = 1e3 * np.linalg.norm(rig.project(xyz) - xy_img, axis=2) / width
+        return np.where((np.arange(len(rig)) == without)[:, None] | np.isnan(share), 0.0, share)
+
+    together = off(None, points)
+    point = int(together.max(axis=0).argmax())
+    if together.max() <= _MOST_MARKED_PX_PER_1000:
+        return
+    marked = np.flatnonzero(np.isfinite(xy_img[:, point]).all(axis=1))
+    if len(marked) > _LEAST_VIEWS:
+        others = [np.where((np.arange(len(rig)) == c)[:, None, None], np.nan, xy_img) for c in marked]
+        left = [off(int(c), triangulate_linear(rig, xy))[:, point].max() for c, xy in zip(marked, others, strict=True)]
+        marked = marked[[int(np.argmin(left))]]
+    raise CalibrationError(
+        f"three points: {('origin', 'x', 'y')[point]} is marked at another place in {' and '.join(rig.names[c] for c in marked)}:"
+        f" up to {together[:, point].max() * width[marked[0], 0] / 1e3:.0f} px off (limit"
+        f" {_MOST_MARKED_PX_PER_1000 * width[marked[0], 0] / 1e3:.0f}); mark the same point of the floor in every camera"
+    )
 
 
 def floor_under_body(feet_m: Array, head_m: Array, keypoint_height_m: float = 0.0) -> SE3:

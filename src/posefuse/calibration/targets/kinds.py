@@ -226,9 +226,13 @@ def described_target(said: TargetDescription, missing: Callable[[list[str]], Pos
         missing: the error to raise for fields that this kind needs and that are None, by their names.
     """
     kind = _KINDS[said.kind]
-    if said.thickness_mm is not None and kind is not Charuco:
-        raise ConfigError(f"target: thickness_mm: only a charuco has a back side, this is {said.kind}")
     stated = {field.name: getattr(said, _stated(field.name)) for field in fields(kind)}
+    others = [one for one in fields(TargetDescription) if one.name not in ("kind", *map(_stated, stated))]
+    unused = [one.name for one in others if getattr(said, one.name) != one.default]
+    if unused:
+        raise ConfigError(
+            f"target: {choices(unused)}: a target of kind {said.kind} has none; it has {choices(map(_stated, stated))}"
+        )
     absent = [_stated(field.name) for field in fields(kind) if field.default is MISSING and stated[field.name] is None]
     if absent:
         raise missing(absent)

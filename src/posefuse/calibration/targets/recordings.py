@@ -11,7 +11,7 @@ import cv2
 from posefuse.core import CalibrationError, InputError, Progress, Source, silent
 from posefuse.core.errors import choices
 from posefuse.formats.kept_video import VIDEOS_FOLDER
-from posefuse.sources import VIDEO_SUFFIXES, ImagesConfig, RecordedSource, VideoConfig
+from posefuse.sources import IMAGE_SUFFIXES, VIDEO_SUFFIXES, ImagesConfig, RecordedSource, VideoConfig
 
 from .corners import CornerObservations, joined
 from .detection import detect_corners, why_nothing
@@ -35,7 +35,7 @@ def paths_by_camera(inputs: Inputs) -> dict[str, Path]:
     if isinstance(inputs, Mapping):
         return {name: Path(path) for name, path in sorted(inputs.items())}
     paths = [inputs] if isinstance(inputs, str | Path) else inputs
-    pairs = [pair for path in paths for pair in _named(path).items()]
+    pairs = [pair for path in paths for pair in _named(path)]
     names = [name for name, _ in pairs]
     twice = sorted({name for name in names if names.count(name) > 1})
     if twice:
@@ -43,18 +43,25 @@ def paths_by_camera(inputs: Inputs) -> dict[str, Path]:
     return dict(sorted(pairs))
 
 
-def _named(given: str | Path) -> dict[str, Path]:
-    """A recording under the name that a text states, or its file's; of a session folder, every video in ``SESSION/videos``."""
+def _named(given: str | Path) -> list[tuple[str, Path]]:
+    """A recording under the name that a text states, or its file's; of a session folder, all in ``SESSION/videos``."""
     path, (name, equals, place) = Path(given), str(given).partition("=")
     if equals and isinstance(given, str) and not path.exists():
-        return {name: Path(place)}
+        return [(name, Path(place))]
     videos = path / VIDEOS_FOLDER
     if not videos.is_dir():
-        return {path.stem: path}
-    found = {file.stem: file for file in sorted(videos.iterdir()) if file.suffix.lower() in VIDEO_SUFFIXES}
+        return [(path.stem, path)]
+    found = [one for one in sorted(videos.iterdir()) if _is_recording(one)]
     if not found:
-        raise InputError(f"{videos}: expected videos ({choices(VIDEO_SUFFIXES)}), got none")
-    return found
+        raise InputError(f"{videos}: expected videos ({choices(VIDEO_SUFFIXES)}) or folders of images, got none")
+    # a camera twice, as a video and as images, is refused by its name
+    return [(one.name if one.is_dir() else one.stem, one) for one in found]
+
+
+def _is_recording(path: Path) -> bool:
+    if path.is_dir():
+        return any(file.suffix.lower() in IMAGE_SUFFIXES for file in path.iterdir())
+    return path.suffix.lower() in VIDEO_SUFFIXES
 
 
 def open_sources(inputs: Inputs) -> list[RecordedSource]:

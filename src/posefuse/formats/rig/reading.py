@@ -19,7 +19,8 @@ from .plausible import doubts, require_placed
 
 # TOML, XML, YAML and JSON files parsed to plain values, OpenCV's and ROS's matrices included.
 
-_MATRIX_TAG = "tag:yaml.org,2002:opencv-matrix"
+# Newer versions of OpenCV write what numpy has in one dimension with the second
+_MATRIX_TAGS = ("tag:yaml.org,2002:opencv-matrix", "tag:yaml.org,2002:opencv-nd-matrix")
 
 
 class _Loader(yaml.SafeLoader):
@@ -30,7 +31,8 @@ def _matrix(loader: yaml.SafeLoader, node: yaml.MappingNode) -> dict[Any, Any]:
     return loader.construct_mapping(node, deep=True)
 
 
-_Loader.add_constructor(_MATRIX_TAG, _matrix)
+for _tag in _MATRIX_TAGS:
+    _Loader.add_constructor(_tag, _matrix)
 _Loader.add_implicit_resolver(
     "tag:yaml.org,2002:float",
     re.compile(r"[-+]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)[eE][-+]?[0-9]+\Z"),
@@ -74,6 +76,8 @@ def _matrices(where: str, value: Any) -> Any:
         return [_matrices(where, part) for part in value]
     if not isinstance(value, dict):
         return value
+    if {"sizes", "data"} <= set(value) and isinstance(value["sizes"], list) and len(value["sizes"]) == 1:
+        value = {**value, "rows": value["sizes"][0], "cols": 1}
     if {"rows", "cols", "data"} <= set(value):
         rows, cols, data = value["rows"], value["cols"], value["data"]
         if not (isinstance(rows, int) and isinstance(cols, int) and isinstance(data, list) and len(data) == rows * cols):
