@@ -126,7 +126,7 @@ _TOPICS = {topic.name for topic in (topics.DETECTIONS, topics.POSE, topics.JOINT
 
 @dataclass
 class _Content:
-    """What the files hold, in their order; times are those of the messages. `stated_ns`: time 0, where it is not the first pose."""
+    """What the files hold, in their order; times are those of the messages. `stated_ns`: time 0, if not the first pose."""
 
     stated_ns: int | None = None
     frames: list[Detections2D] = field(default_factory=list)
