@@ -175,11 +175,8 @@ def _checked_again(solved: Recording, edits: Edits) -> dict[str, Any]:
         log = log.only(used_frames(log, edits.exclusions))
         findings = checked_rig(dataclasses.replace(solved, observations=log), solved.rig)[1]
     times = camera_times(log)
-    moved = [
-        one
-        for one in about.get(MOVED_CAMERAS, ())
-        if len(t_ns := times.get(one["camera"], ())) and t_ns[0] < one["t_ns"] <= t_ns[-1]
-    ]
+    used_ns = {name: range(int(t_ns[0]) + 1, int(t_ns[-1]) + 1) for name, t_ns in times.items()}
+    moved = [one for one in about.get(MOVED_CAMERAS, ()) if one["t_ns"] in used_ns.get(one["camera"], ())]
     unread = [name for name in solved.rig.names if name not in camera_times(solved.observations)]
     coverages = [Coverage(name, 1, 0, None, 0) for name in unread] + [_coverage(name, t_ns) for name, t_ns in times.items()]
     incomplete = {line.split(":")[0] for line in incomplete_cameras(coverages)}

@@ -204,7 +204,7 @@ def _moved_cameras(opened: Opened, clock: StageClock, progress: Progress) -> lis
     """Cameras that moved by what the background shows, for the provenance; what else there is to know is reported."""
     with clock.stage("watch"):
         background = background_of(opened.sources, opened.rig.cameras, opened.timeline.span_ns)
-    moved = [
+    moved: list[dict[str, Any]] = [
         {"camera": one.cameras[0], "t_ns": one.t_ns, "warning": finding_line(one, opened.session.folder)}
         for one in background.moved
     ]
