@@ -326,15 +326,14 @@ _LEAST_CAMERAS = 2
 
 
 def others_seen(observations: Observations, settings: AssociateSettings) -> dict[str, int]:
-    """By camera, the most people that one search of a whole image found besides those of the result; none: left out."""
+    """By camera, how many more people than the result has one search of a whole image found at most; none: left out."""
     most: dict[str, int] = {}
-    frame = observations.detection_frame[observations.person_id != NOT_KEPT]
-    kept = np.zeros((len(observations.step_t_ns), len(observations.camera_names)), int)
-    np.add.at(kept, (observations.frame_step[frame], observations.frame_camera[frame]), 1)
+    # all of them: who is in the image may belong to no person at this one time step
+    people = len(people_in(observations)[0])
     for i in np.flatnonzero(observations.frame_look == LookKind.SEARCH).tolist():
         found = observations.detections(i)
         bodies = ~duplicates(found, settings.duplicate_share) & (found.score > 0).any(axis=1)
-        more = int(bodies.sum() - kept[observations.frame_step[i], observations.frame_camera[i]])
+        more = int(bodies.sum()) - people
         if more > 0:
             most[found.camera] = max(most.get(found.camera, 0), more)
     return most
