@@ -24,7 +24,7 @@ from posefuse.health.rig_monitor import RigFinding
 from posefuse.pipeline.config import TrackConfig
 from posefuse.pipeline.opening import open_session
 from posefuse.pipeline.session import find_session
-from posefuse.pipeline.track import finding_line
+from posefuse.pipeline.solve import finding_line
 
 BODY = SKELETONS["coco17"]
 SECONDS = 16.0

@@ -310,6 +310,17 @@ def test_a_back_that_is_glued_on_badly_does_no_harm(facing: Rig) -> None:
     np.testing.assert_allclose(off.xyz, glued.xyz, atol=1.5e-3)
 
 
+@pytest.mark.parametrize("marker_m", [0.022, 0.0225, 0.0234])
+def test_squares_and_markers_have_the_sizes_that_were_asked_for(marker_m: float) -> None:
+    (sheet,) = board_sheets(Charuco(columns=5, rows=7, square_m=0.03, marker_m=marker_m), "a4")
+    sizes_m = np.array(sheet.black_m)[:, 2:]
+    square = np.isclose(sizes_m, 0.03, atol=1e-9).all(axis=1)
+    assert square.sum() >= 17
+    modules = sizes_m[~square] / (marker_m / 6)
+    np.testing.assert_allclose(modules, np.round(modules), atol=1e-6)
+    assert modules.max() == pytest.approx(6)
+
+
 def test_the_sides_of_a_board_are_distinguished_by_their_markers() -> None:
     target = TWO_SIDED
     found = [detected(target, drawn_page(sheet)) for sheet in board_sheets(target, "a0")]

@@ -68,6 +68,14 @@ def test_gaps_are_bridged_briefly_and_never_outside() -> None:
     assert np.isnan(holed.at(np.array([-0.1, 2.5]))).all()
 
 
+def test_parts_of_one_session_that_hardly_overlap_keep_their_clock() -> None:
+    whole = mover(50)
+    first, last = (replace(whole, t_s=whole.t_s[part], xyz_m=whole.xyz_m[part]) for part in (slice(0, 200), slice(160, 375)))
+    found = compare(first, last, space=False)
+    assert found.alignment.offset_s == pytest.approx(0, abs=1e-3)
+    assert found.errors.mpjpe_mm < 1
+
+
 def test_a_mirror_image_is_not_taken_for_a_rotation() -> None:
     points = np.random.default_rng(1).normal(size=(30, 3))
     rotation, _, _ = similarity(points * [1, 1, -1], points, scale=False)

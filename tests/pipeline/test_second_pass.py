@@ -1,5 +1,6 @@
 """Bringing every camera to common time steps, and what is kept of whom."""
 
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -18,6 +19,7 @@ from posefuse.core import (
     ViewSequence,
     views_over_time,
 )
+from posefuse.core.observations import observations_from_frames, on_time_steps
 from posefuse.core.skeleton import BLAZEPOSE33, COCO17
 from posefuse.fusion import FuseSettings
 from posefuse.pipeline import second_pass
@@ -109,6 +111,36 @@ def test_no_interpolation_across_a_hole(ring_rig) -> None:
     assert (views.score[10, 0, 1] == 0).all()
     nine = views.xy_img[9, 0, 1]  # late frame, so its other neighbour is time step 8, which is there
     assert np.allclose(nine, rig.cameras[1].project(body(9 * PERIOD_NS)), atol=0.2)
+
+
+def at_rates(rig: Rig, rates_hz: Sequence[float], seen: Callable[[int, int], bool]) -> ViewSequence:
+    """Views at 30 Hz of cameras with rates of their own; `seen` (camera, its frame): whether the person is in the image."""
+    frames = []
+    for c, (camera, rate_hz) in enumerate(zip(rig, rates_hz, strict=True)):
+        for i in range(int(T * PERIOD_NS * 1e-9 * rate_hz) + 2):
+            t_ns = round(i * 1e9 / rate_hz)
+            xy = camera.project(body(t_ns))[None][: int(seen(c, i))]
+            frames.append(detections(camera.name, xy, t_ns, score=1.0, sigma_px=1.5))
+    log = on_time_steps(observations_from_frames(COCO17, rig.names, frames), PERIOD_NS * np.arange(T))
+    return views_over_time(log.with_person_ids(np.where(log.frame_step[log.detection_frame] >= 0, 0, -1)), [0])
+
+
+@pytest.mark.parametrize("rate_hz", [25.0, 23.976, 15.0])
+def test_a_slower_camera_has_a_view_between_its_own_frames(ring_rig, rate_hz: float) -> None:
+    rig = ring_rig(4)
+    views = at_rates(rig, (30.0, 30.0, 30.0, rate_hz), lambda c, i: True)
+    true = np.stack([rig.cameras[3].project(body(t_ns)) for t_ns in views.t_ns])
+    inner = slice(1, -2)
+    np.testing.assert_allclose(views.xy_img[inner, 0, 3], true[inner], atol=0.2)
+    np.testing.assert_allclose(views.sigma_px[inner, 0, 3], 1.5)
+
+
+def test_a_slower_camera_has_none_where_a_frame_does_not_show_the_person_or_its_frames_are_far_apart(ring_rig) -> None:
+    rig = ring_rig(4)
+    views = at_rates(rig, (30.0, 30.0, 30.0, 15.0), lambda c, i: c < 3 or i != 10)
+    assert np.flatnonzero((views.score[:, 0, 3] == 0).all(axis=-1))[:3].tolist() == [19, 20, 21]
+    slow = at_rates(rig, (30.0, 30.0, 30.0, 10.0), lambda c, i: True)
+    assert np.flatnonzero((slow.score[:, 0, 3] > 0).any(axis=-1)).tolist() == list(range(0, T, 3))
 
 
 def test_any_person_was_seen_for_a_moment_only_is_left_out(ring_rig) -> None:

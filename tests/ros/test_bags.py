@@ -1,13 +1,20 @@
-from dataclasses import replace
+from dataclasses import asdict, replace
 
 import numpy as np
 import pytest
-from built import recording_from_views
+from built import observations_from_views, recording_from_views, standing, view_sequence
+from built import poses as built_poses
 from checks import refusal
 
 from posefuse.core import SKELETONS, InputError, MessageError, PoseSequence, SourceError
+from posefuse.core.skeleton import BLAZEPOSE33
+from posefuse.detection import read_card
 from posefuse.evaluation.contracts import check_output
-from posefuse_ros import bags, topics
+from posefuse.formats.joint_centres import read_joint_centres
+from posefuse.foundation.parsing import plain
+from posefuse.pipeline.config import TrackConfig
+from posefuse.pipeline.solve import solve, solve_again
+from posefuse_ros import bags, live_recording, topics
 from posefuse_ros.mcap_output import McapSink, recorded_ns
 from posefuse_ros.messages import diagnostic_status, message_from_detections, message_from_pose
 from posefuse_ros.ros_output import RosOutput
@@ -213,6 +220,25 @@ def test_the_sink_writes_what_a_live_session_publishes(tmp_path, ring_rig, some_
     early = recording_from_views(ring_rig(c), poses, xy, score, np.where(score > 0, 2.0, np.nan))
     (path,) = McapSink().build().write(early, tmp_path)
     assert [p.t_ns for p, _ in bags.read_poses(path)] == [0, 1_000_000_000, 2_000_000_000, 3_000_000_000]
+
+
+@pytest.mark.parametrize("offset_ns", [None, 1_700_000_000_000_000_000])
+def test_what_the_sink_writes_solves_again_as_the_result_does(tmp_path, ring_rig, offset_ns):
+    rig, table = ring_rig(4), read_joint_centres(read_card("blazepose_full").joint_centres_file)
+    rng, t_ns = np.random.default_rng(1), 1_900_000_000 + 33_333_333 * np.arange(30)
+    walked = standing(skeleton=BLAZEPOSE33) + np.outer(np.arange(30), [0.03, 0.01, 0])[:, None]
+    xy = np.stack([camera.project(walked) for camera in rig], axis=1)[:, None] + rng.normal(0, 2, (30, 1, 4, 33, 2))
+    seen = view_sequence(rig, built_poses(walked[:, None], t_ns=t_ns, skeleton=BLAZEPOSE33), xy, sigma_px=2.0)
+    config = plain(asdict(TrackConfig(body="off", start_s=1.95)))
+    about = {"session": "walk", "config": config, "joint_centres": plain(asdict(table))}
+    result = solve(observations_from_views(seen), rig, about)
+    (path,) = McapSink(epoch_offset_ns=offset_ns).build().write(result, tmp_path)
+    read = live_recording.read(path)
+    assert read.poses.t_ns.tolist() == t_ns.tolist()
+    again, wanted = solve_again(read), solve_again(result)
+    assert again.provenance["joint_centres"] == about["joint_centres"] and again.provenance["session"] == "walk"
+    assert again.poses.t_ns.tolist() == wanted.poses.t_ns.tolist()
+    np.testing.assert_allclose(again.poses.xyz_world, wanted.poses.xyz_world, atol=1e-6)
 
 
 def test_a_topic_that_was_latched_is_offered_latched_again(tmp_path):

@@ -284,15 +284,19 @@ def _offset(a: Tracks, b: Tracks, space: bool, scale: bool) -> float:
     Speeds do not depend on where either system's origin is, but repeat from one gait cycle to the next: positions decide.
     """
     lag_s, cost = _speed_costs(a, b)
-    if not np.isfinite(cost).any():
-        raise InputError(
-            f"{a.name} and {b.name}: nothing in common over time: too few points are known in both to find their offset"
-        )
+    tried = [float(lag_s[i]) for i in _lowest(cost)]
+    if not space:
+        # one world frame is mostly one clock, too: parts of one session may have little time in common
+        tried.append(0.0)
 
     def misfit(offset: float) -> float:
         return _fitted(a.xyz_m, b.at(a.t_s - offset), space, scale)[1]
 
-    coarse = min((float(lag_s[i]) for i in _lowest(cost)), key=misfit)
+    coarse = min(tried, key=misfit, default=0.0)
+    if not np.isfinite(misfit(coarse)):
+        raise InputError(
+            f"{a.name} and {b.name}: nothing in common over time: too few points are known in both to find their offset"
+        )
     bounds = (coarse - 2 / _SPEED_HZ, coarse + 2 / _SPEED_HZ)
     fine = minimize_scalar(misfit, bounds=bounds, method="bounded", options={"xatol": 1e-4})
     return float(fine.x)

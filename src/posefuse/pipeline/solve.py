@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Mapping, Sequence
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -21,16 +22,21 @@ from posefuse.formats.joint_centres import joint_centres_from_mapping
 from posefuse.foundation.parsing import plain
 from posefuse.foundation.settings import settings_from_mapping
 from posefuse.health.recorded import CameraFit, checked_rig
+from posefuse.health.rig_monitor import UNSYNCHRONISED, RigFinding
+from posefuse.sources import Coverage, incomplete_cameras
 
 from .config import TrackConfig
 from .edits import NO_EDITS, Edits, check_edits, only_person, used_frames
 from .following import PeopleFollower
 from .second_pass import fit_bodies_in_place, long_enough, poses_over_time
-from .time_steps import common_timeline, stored_steps
+from .time_steps import common_timeline, frame_period_ns, stored_steps
 
 # in the provenance of a recording whose extrinsics were refined from its people
 REFINED = "refined_rig"
-CAMERA_FITS = "camera_fits"
+# what is stated of its cameras, in plain values
+CAMERA_FITS, RIG_WARNINGS, MOVED_CAMERAS, INCOMPLETE_CAMERAS = (
+    "camera_fits", "rig_warnings", "moved_cameras", "incomplete_cameras"
+)  # fmt: skip
 # settings that stored observations cannot follow
 _OBSERVED = ("rig", "input", "cameras", "keypoints", "detector")
 
@@ -160,7 +166,42 @@ def solve_again(recording: Recording, config: TrackConfig | None = None, edits: 
     solved = with_refined_rig(solve(observations, recording.rig, about))
     if CAMERA_FITS not in about:
         return solved
-    return dataclasses.replace(solved, provenance={**solved.provenance, CAMERA_FITS: fits_of(checked_rig(solved, solved.rig)[0])})
+    return dataclasses.replace(solved, provenance={**solved.provenance, **_checked_again(solved, edits)})
+
+
+def _checked_again(solved: Recording, edits: Edits) -> dict[str, Any]:
+    """How well each camera fits now, and what of the recording's warnings is true of what is used of it."""
+    log, about = solved.observations, solved.provenance
+    cameras, findings = checked_rig(solved, solved.rig)
+    if edits.exclusions:
+        log = log.only(used_frames(log, edits.exclusions))
+        findings = checked_rig(dataclasses.replace(solved, observations=log), solved.rig)[1]
+    times = camera_times(log)
+    used_ns = {name: range(int(t_ns[0]) + 1, int(t_ns[-1]) + 1) for name, t_ns in times.items()}
+    moved = [one for one in about.get(MOVED_CAMERAS, ()) if one["t_ns"] in used_ns.get(one["camera"], ())]
+    unread = [name for name in solved.rig.names if name not in camera_times(solved.observations)]
+    coverages = [Coverage(name, 1, 0, None, 0) for name in unread] + [_coverage(name, t_ns) for name, t_ns in times.items()]
+    incomplete = {line.split(":")[0] for line in incomplete_cameras(coverages)}
+    lines = [finding_line(one, Path(about.get("session", "SESSION"))) for one in findings]
+    return {
+        CAMERA_FITS: fits_of(cameras),
+        MOVED_CAMERAS: moved,
+        RIG_WARNINGS: [*(one["warning"] for one in moved), *lines],
+        INCOMPLETE_CAMERAS: [line for line in about.get(INCOMPLETE_CAMERAS, ()) if line.split(":")[0] in incomplete],
+    }
+
+
+def _coverage(name: str, t_ns: Array) -> Coverage:
+    """Of frames at these times, as if one were missing wherever two are apart."""
+    period_ns = frame_period_ns(t_ns) or 0.0
+    expected = 1 + round((int(t_ns[-1]) - int(t_ns[0])) / period_ns) if period_ns else len(t_ns)
+    return Coverage(name, expected, len(t_ns), int(t_ns[-1]), round(period_ns))
+
+
+def finding_line(finding: RigFinding, session: Path) -> str:
+    """When it shows, what is wrong with a camera, and what to do about it."""
+    remedy = f"; `posefuse calibrate clocks {session}` finds its offset" if finding.kind == UNSYNCHRONISED else ""
+    return f"at {finding.t_ns / 1e9:.1f} s: {finding.detail}{remedy}"
 
 
 def fits_of(cameras: Mapping[str, CameraFit]) -> dict[str, Any]:

@@ -67,9 +67,9 @@ def common_timeline(
         last_ns = min(last_ns, round(end_s * 1e9))
     count = (last_ns + period_ns // 2 - first_ns) // period_ns + 1
     if count < 1:
+        begin, end = "" if start_s is None else f" from {start_s:g} s", "" if end_s is None else f" until {end_s:g} s"
         raise SourceError(
-            f"nothing recorded from {start_s} to {end_s} s; the recording runs from {min(starts) / 1e9:.3f} to "
-            f"{max(ends) / 1e9:.3f} s"
+            f"nothing recorded{begin}{end}; the recording runs from {min(starts) / 1e9:.3f} to {max(ends) / 1e9:.3f} s"
         )
     check_time_steps(int(count), 1e9 / period_ns, "the recording")
     return Timeline(first_ns, period_ns, int(count))

@@ -41,7 +41,6 @@ from posefuse.fusion import FuseSettings, fuse
 from posefuse.health.background import background_of
 from posefuse.health.noise_scale import disagreement, noise_scale
 from posefuse.health.recorded import checked_rig
-from posefuse.health.rig_monitor import UNSYNCHRONISED, RigFinding
 from posefuse.sources.video import recorded_at
 from posefuse.tracking import smooth
 from posefuse.tracking.stand_in import made_up_detections
@@ -51,7 +50,17 @@ from .following import FollowedLog, PeopleFollower, StageClock
 from .opening import Opened, open_session
 from .result_folder import DetectionStore, ResultFolder
 from .session import LEAST_CAMERAS, Session
-from .solve import CAMERA_FITS, REFINED, fits_of, solve_followed, with_refined_rig
+from .solve import (
+    CAMERA_FITS,
+    INCOMPLETE_CAMERAS,
+    MOVED_CAMERAS,
+    REFINED,
+    RIG_WARNINGS,
+    finding_line,
+    fits_of,
+    solve_followed,
+    with_refined_rig,
+)
 from .time_steps import stored_steps
 from .writing import build_sinks, estimated_result_bytes, warn_of_failures, write_result
 
@@ -127,14 +136,14 @@ def track_session(
 
 def _tracked(
     opened: Opened,
-    moved: Sequence[str],
+    moved: Sequence[Mapping[str, Any]],
     clock: StageClock,
     progress: Progress,
     store: DetectionStore | None,
     *,
     solve_interrupted: bool,
 ) -> Tracked:
-    """Detect, then solve; `moved` is what is wrong with the rig already."""
+    """Detect, then solve; `moved` is what is wrong with the rig already, see `_moved_cameras`."""
     session = opened.session
     observations, interrupted = detect(opened, clock, progress, store)
     if interrupted and not solve_interrupted:
@@ -159,10 +168,10 @@ def _tracked(
         _warn(f"{session.rig_path.name}: {doubt}")
     with clock.stage("watch"):
         cameras, findings = checked_rig(recording, opened.rig)
-    lines = [finding_line(one, session.folder) for one in findings]
-    for line in lines:
+    for line in (lines := [finding_line(one, session.folder) for one in findings]):
         _warn(line)
-    about = {**recording.provenance, CAMERA_FITS: fits_of(cameras), "rig_warnings": [*moved, *lines]}
+    warned = {MOVED_CAMERAS: plain(list(moved)), RIG_WARNINGS: [*(one["warning"] for one in moved), *lines]}
+    about = {**recording.provenance, CAMERA_FITS: fits_of(cameras), **warned}
     return Tracked(recording=dataclasses.replace(recording, provenance=about), interrupted=interrupted, clock=clock)
 
 
@@ -191,13 +200,16 @@ def recorded_noise_scale(observations: Observations, rig: Rig, fusing: FuseSetti
     return noise_scale(disagreement(rig, *seen, fusing))
 
 
-def _moved_cameras(opened: Opened, clock: StageClock, progress: Progress) -> list[str]:
-    """What the background shows: one line for each camera that moved; what else there is to know is reported."""
+def _moved_cameras(opened: Opened, clock: StageClock, progress: Progress) -> list[dict[str, Any]]:
+    """Cameras that moved by what the background shows, for the provenance; what else there is to know is reported."""
     with clock.stage("watch"):
         background = background_of(opened.sources, opened.rig.cameras, opened.timeline.span_ns)
-    moved = [finding_line(one, opened.session.folder) for one in background.moved]
-    for line in moved:
-        _warn(line)
+    moved: list[dict[str, Any]] = [
+        {"camera": one.cameras[0], "t_ns": one.t_ns, "warning": finding_line(one, opened.session.folder)}
+        for one in background.moved
+    ]
+    for one in moved:
+        _warn(one["warning"])
     for line in background.lines:
         progress("detect", 0, None, line)
     if unknown := opened.network.get("unknown"):
@@ -266,7 +278,7 @@ def provenance_of(opened: Opened, incomplete: Sequence[str]) -> dict[str, Any]:
         "config": plain(dataclasses.asdict(opened.config)),
         **({"network": dict(opened.network)} if opened.network else {}),
         "joint_centres": plain(dataclasses.asdict(centres)) if centres else None,
-        "incomplete_cameras": list(incomplete),
+        INCOMPLETE_CAMERAS: list(incomplete),
     }
 
 
@@ -314,15 +326,14 @@ _LEAST_CAMERAS = 2
 
 
 def others_seen(observations: Observations, settings: AssociateSettings) -> dict[str, int]:
-    """By camera, the most people that one search of a whole image found besides those of the result; none: left out."""
+    """By camera, how many more people than the result has one search of a whole image found at most; none: left out."""
     most: dict[str, int] = {}
-    frame = observations.detection_frame[observations.person_id != NOT_KEPT]
-    kept = np.zeros((len(observations.step_t_ns), len(observations.camera_names)), int)
-    np.add.at(kept, (observations.frame_step[frame], observations.frame_camera[frame]), 1)
+    # all of them: who is in the image may belong to no person at this one time step
+    people = len(people_in(observations)[0])
     for i in np.flatnonzero(observations.frame_look == LookKind.SEARCH).tolist():
         found = observations.detections(i)
         bodies = ~duplicates(found, settings.duplicate_share) & (found.score > 0).any(axis=1)
-        more = int(bodies.sum() - kept[observations.frame_step[i], observations.frame_camera[i]])
+        more = int(bodies.sum()) - people
         if more > 0:
             most[found.camera] = max(most.get(found.camera, 0), more)
     return most
@@ -347,12 +358,6 @@ def refined_line(about: Mapping[str, Any]) -> str:
         f"extrinsics refined from the people: keypoints are {about['before_px']:.2f} -> {about['after_px']:.2f} px off;"
         f" {worst} changed most, by {moved_mm:.1f} mm and {turned_deg:.2f} deg"
     )
-
-
-def finding_line(finding: RigFinding, session: Path) -> str:
-    """When it shows, what is wrong with a camera, and what to do about it."""
-    remedy = f"; `posefuse calibrate clocks {session}` finds its offset" if finding.kind == UNSYNCHRONISED else ""
-    return f"at {finding.t_ns / 1e9:.1f} s: {finding.detail}{remedy}"
 
 
 def _warn(line: str) -> None:

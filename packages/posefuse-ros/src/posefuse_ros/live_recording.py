@@ -126,22 +126,29 @@ _TOPICS = {topic.name for topic in (topics.DETECTIONS, topics.POSE, topics.JOINT
 
 @dataclass
 class _Content:
-    """What the files hold, in their order; times are those of the messages."""
+    """What the files hold, in their order; times are those of the messages. `stated_ns`: time 0, if not the first pose."""
 
+    stated_ns: int | None = None
     frames: list[Detections2D] = field(default_factory=list)
     poses: list[Pose3D] = field(default_factory=list)
     tables: dict[str, JointCentres | None] = field(default_factory=dict)
     names: dict[int, str] = field(default_factory=dict)
 
+    @property
+    def start_ns(self) -> int:
+        """The time of the messages at time 0; with one pose at least."""
+        return self.poses[0].t_ns if self.stated_ns is None else self.stated_ns
+
 
 def read(path: Path, warn: Warn | None = None, *, start_s: float | None = None, end_s: float | None = None) -> Recording:
-    """Read a recording of ``posefuse live --record``, its later parts (``NAME.2.mcap``, ...) included.
+    """Read a recording of ``posefuse live --record``, its later parts (``NAME.2.mcap``, ...) included, or the output ``mcap``.
 
     The poses are those that were published, at the output ticks, at joint centres where the session moved them there. The
     observations are all detections that the tracker was given, each at its own exposure time with the clock offset taken
     away that was known then. The person of a detection is found again from the poses, see `people_of_detections`. Times
     count from the first output tick, whose time on the session's clock (ns since 1970) is ``start_ns`` in the provenance;
-    the first frames were exposed a little before it.
+    the first frames were exposed a little before it. The output ``mcap`` of a result has the provenance and the times of the
+    result; its observations are what each camera saw of the people at the time steps.
 
     Args:
         path: the first part. warn: is given one line for each part that was cut off or is damaged; `warnings.warn`
@@ -155,8 +162,8 @@ def read(path: Path, warn: Warn | None = None, *, start_s: float | None = None, 
     """
     say = warn or (lambda line: warnings.warn(line, stacklevel=3))
     notes = read_notes(path, NOTES) or {}
-    parts = _parts(path, notes)
-    content = _Content()
+    parts, made = _parts(path, notes), _stated_provenance(path, notes)
+    content = _Content(stated_ns=made.get("start_ns"))
     low_s = -math.inf if start_s is None else start_s - _SECTION_MARGIN_S
     high_s = math.inf if end_s is None else end_s + _SECTION_MARGIN_S
     for part in parts:
@@ -169,12 +176,16 @@ def read(path: Path, warn: Warn | None = None, *, start_s: float | None = None, 
             say(f"{error}; what follows in this part is missing")
     if not content.poses:
         raise InputError(f"{path}: holds no pose; expected a recording of `posefuse live --record`")
-    start_ns = content.poses[0].t_ns
+    start_ns = content.start_ns
     rig = _rig_of(path, notes)
     poses = PoseSequence.from_poses([replace(pose, t_ns=pose.t_ns - start_ns) for pose in content.poses])
     frames = [replace(one, t_ns=one.t_ns - start_ns) for one in content.frames]
     observations = observations_from_frames(poses.skeleton, rig.names, frames)
     observations = observations.with_person_ids(people_of_detections(observations, rig, poses))
+    if made:
+        return Recording(rig=rig, poses=poses, observations=observations, provenance=made)
+    if not notes:
+        say(f"{path}: it does not hold how it was made: solved again, it has the usual settings and no joint centres")
     table = next((content.tables[name] for name in rig.names if content.tables.get(name) is not None), None)
     about = _provenance(parts, notes, rig, table, say) | {"start_ns": start_ns}
     if about["config"] is not None:
@@ -212,7 +223,7 @@ def _read_part(part: Path, content: _Content, say: Warn, in_section: Callable[[f
 
     def wanted(topic: str, logged_ns: int) -> bool:
         timed = content.poses and topic in (topics.DETECTIONS.name, topics.POSE.name)
-        return not timed or in_section((logged_ns - content.poses[0].t_ns) / 1e9)
+        return not timed or in_section((logged_ns - content.start_ns) / 1e9)
 
     newest_ns = max((pose.t_ns for pose in content.poses), default=None)
     before = {(one.camera, one.t_ns) for one in content.frames} if newest_ns is not None else set()
@@ -243,6 +254,17 @@ def _rig_of(path: Path, notes: Mapping[str, str]) -> Rig:
         return rig_from_values(json.loads(notes["rig"]))
     except (PosefuseError, ValueError, TypeError, KeyError) as error:
         raise InputError(f"{path}: the rig in its notes cannot be read ({one_line(error)})") from None
+
+
+def _stated_provenance(path: Path, notes: Mapping[str, str]) -> dict[str, Any]:
+    """Of a file that was made from a result; empty for that of a session."""
+    try:
+        made = json.loads(notes.get("provenance", "{}"))
+    except ValueError as error:
+        raise InputError(f"{path}: the provenance in its notes cannot be read ({one_line(error)})") from None
+    if not isinstance(made, dict) or not isinstance(made.get("start_ns", 0), int):
+        raise InputError(f"{path}: the provenance in its notes cannot be read (expected settings and a start time)")
+    return made
 
 
 def _all_names(settled: Sequence[str], given: Mapping[int, str], say: Warn) -> tuple[str, ...]:

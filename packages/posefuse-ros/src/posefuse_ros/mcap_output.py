@@ -6,6 +6,7 @@ The second holds what a live session would have published; see `bags`.
 from __future__ import annotations
 
 import contextlib
+import json
 import shutil
 import time
 from collections.abc import Iterator, Mapping
@@ -33,7 +34,9 @@ from posefuse.core import (
     Recording,
     Sink,
 )
+from posefuse.formats.recording import rig_values
 from posefuse.foundation.output_file import atomic_file, part_path
+from posefuse.foundation.parsing import plain
 from posefuse.foundation.settings import settings
 
 from . import topics
@@ -74,6 +77,7 @@ class McapSink:
         with atomic_file(path) as staged:
             staged.unlink(missing_ok=True)
             with Recorder(staged) as recorder:
+                recorder.note(NOTES, _notes(recording, offset_ns))
                 output = RosOutput(recorder, recording.rig, epoch_offset_ns=offset_ns)
                 output.start(begin_ns)
                 for i in range(len(recording.poses)):
@@ -81,6 +85,14 @@ class McapSink:
                         recorder.publish(topics.DETECTIONS, message_from_detections(view, {}), view.t_ns)
                     output.step(_present(recording.poses.at(i)))
         return [path]
+
+
+def _notes(recording: Recording, offset_ns: int) -> dict[str, str]:
+    """What a second solve needs and no message has; the provenance as it is, and the stamp of its time 0."""
+    return {
+        "rig": json.dumps(rig_values(recording.rig)),
+        "provenance": json.dumps(plain({**recording.provenance, "start_ns": offset_ns})),
+    }
 
 
 def recorded_ns(provenance: Mapping[str, Any]) -> int:

@@ -6,7 +6,7 @@ A ruler of 100 mm stands on every page: measure it after printing, because print
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -42,10 +42,11 @@ def marker_sheets(target: Markers, ids: Sequence[int], page: str = "a4") -> list
         module = target.side_m / len(bits)
         face = target.side_m + 2 * module
         size, (left, bottom) = _placed(page, face, face)
-        squares = _rectangles(bits, left + module, bottom + module, module)
+        edges_m = module * np.arange(len(bits) + 3)
+        squares = _rectangles(bits, left + edges_m[1:-1], bottom + edges_m[1:-1])
         edge = "black edge"
         if target.inverted:
-            squares, edge = _rectangles(~np.pad(bits, 1), left, bottom, module), "white edge"
+            squares, edge = _rectangles(~np.pad(bits, 1), left + edges_m, bottom + edges_m), "white edge"
         caption = f"posefuse marker {marker}, {target.dictionary}, side {target.side_m * 1e3:g} mm ({edge})"
         sheets.append(Sheet(size, squares, ((left, bottom, face, face),), caption))
     return sheets
@@ -68,17 +69,25 @@ def _side_words(side: int) -> str:
 def _charuco_sheet(target: Charuco, page: str, side: int) -> Sheet:
     width, height = target.columns * target.square_m, target.rows * target.square_m
     size, (left, bottom) = _placed(page, width, height)
-    # OpenCV draws the board itself: what is printed is what is looked for
-    cell = 8 * len(_bits(target.dictionary, 0))
-    image = target.board(side).generateImage((target.columns * cell, target.rows * cell), marginSize=0, borderBits=1)
+    # OpenCV draws the board itself: what is printed is what is looked for. It rounds markers to whole px, so it draws them with a
+    # border of one module, and px are as wide as they have to be
+    modules, px = len(_bits(target.dictionary, 0)), 8
+    cell, border_m = px * (modules + 2), (target.square_m - target.marker_m) / 2
+    board = replace(target, marker_m=target.square_m * modules / (modules + 2)).board(side)
+    image = board.generateImage((target.columns * cell, target.rows * cell), marginSize=0, borderBits=1)
     if target.inverted:
         image = 255 - image
-    scale = target.square_m / cell
+
+    def edges_m(squares: int) -> Array:
+        at, in_square = np.divmod(np.arange(squares * cell + 1), cell)
+        corners_m = (0, border_m, target.square_m - border_m, target.square_m)
+        return at * target.square_m + np.interp(in_square, (0, px, cell - px, cell), corners_m)
+
     caption = (
         f"posefuse ChArUco {target.columns} x {target.rows} squares of {target.square_m * 1e3:g} mm, markers"
         f" {target.marker_m * 1e3:g} mm, {target.dictionary}{_side_words(side)}"
     )
-    return Sheet(size, _rectangles(image < 128, left, bottom, scale), (), caption)
+    return Sheet(size, _rectangles(image < 128, left + edges_m(target.columns), bottom + edges_m(target.rows)), (), caption)
 
 
 def _bits(dictionary: str, marker: int) -> Array:
@@ -89,8 +98,12 @@ def _bits(dictionary: str, marker: int) -> Array:
     return black_modules(made, marker)
 
 
-def _rectangles(black: Array, left: float, bottom: float, scale: float) -> tuple[tuple[float, float, float, float], ...]:
-    """Black cells (rows, columns) as few rectangles: runs along a row, equal runs of neighbouring rows joined."""
+def _rectangles(black: Array, x_m: Array, y_m: Array) -> tuple[tuple[float, float, float, float], ...]:
+    """Black cells (rows, columns) as few rectangles: runs along a row, equal runs of neighbouring rows joined.
+
+    Args:
+        x_m: (columns + 1,) edges from the left. y_m: (rows + 1,) edges from the bottom.
+    """
     out: list[tuple[float, float, float, float]] = []
     open_runs: dict[tuple[int, int], int] = {}
     rows = len(black)
@@ -100,7 +113,8 @@ def _rectangles(black: Array, left: float, bottom: float, scale: float) -> tuple
         runs = {(int(a), int(b)) for a, b in edges.reshape(-1, 2)}
         for run in [run for run in open_runs if run not in runs]:
             first = open_runs.pop(run)
-            out.append((left + run[0] * scale, bottom + (rows - row) * scale, (run[1] - run[0]) * scale, (row - first) * scale))
+            (left, right), (bottom, top) = x_m[list(run)], y_m[[rows - row, rows - first]]
+            out.append((float(left), float(bottom), float(right - left), float(top - bottom)))
         for run in runs:
             open_runs.setdefault(run, row)
     return tuple(sorted(out))
