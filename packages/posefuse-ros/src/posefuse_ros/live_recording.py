@@ -206,7 +206,7 @@ def _parts(path: Path, notes: Mapping[str, str]) -> list[Path]:
     found = [path]
     for part in parts_of(path)[1:]:
         try:
-            other = read_notes(part, NOTES) or {}
+            other: Mapping[str, str] = read_notes(part, NOTES) or {}
         except SourceError:
             # what it holds is stated where it is read
             other = notes
