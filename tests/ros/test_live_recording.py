@@ -231,9 +231,9 @@ def test_a_session_of_its_own_with_the_name_of_a_part_is_none(tmp_path: Path, ri
     record(tmp_path / "a.mcap", rig, frames[:20], poses[:15])
     alone = read_live_recording(tmp_path / "a.mcap", pytest.fail)
     record(tmp_path / "a.2.mcap", rig, frames[40:], poses[30:])
-    beside = read_live_recording(tmp_path / "a.mcap", pytest.fail)
-    assert beside.provenance["parts"] == ["a.mcap"]
-    assert_same(beside.poses, alone.poses)
+    first = read_live_recording(tmp_path / "a.mcap", pytest.fail)
+    assert first.provenance["parts"] == ["a.mcap"]
+    assert_same(first.poses, alone.poses)
     assert len(read_live_recording(tmp_path / "a.2.mcap", pytest.fail).poses) == 30
 
 

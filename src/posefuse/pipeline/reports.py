@@ -109,7 +109,7 @@ def _share_a_world(one: Rig | None, two: Rig | None) -> bool:
 
 
 def _read(
-    source: Source, person: int | None, beside: tuple[Tracks, Rig | None] | None = None, *, simulated: bool = False
+    source: Source, person: int | None, reference: tuple[Tracks, Rig | None] | None = None, *, simulated: bool = False
 ) -> tuple[Tracks, Rig | None]:
     """Of a live session, at simulated times where it recorded them, or of any other file or result folder; with its cameras."""
     path, recording = source if isinstance(source, tuple) else (source, None)
@@ -120,7 +120,7 @@ def _read(
     else:
         recording = recording or read_result(path)
         poses, rig = recording.poses, recording.rig
-    near = beside[0] if beside is not None and _share_a_world(beside[1], rig) else None
+    near = reference[0] if reference is not None and _share_a_world(reference[1], rig) else None
     tracks = replace(tracks_of(poses, path, person, near), warning=refusal_note(path, rig))
     if simulated and recording is not None and not isinstance(source, tuple):
         tracks = _at_simulated_times(tracks, path, int(recording.provenance["start_ns"]))

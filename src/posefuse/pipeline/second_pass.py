@@ -8,7 +8,7 @@ import numpy as np
 
 from posefuse.core import InputError, JointCentres, Kind, Observations, PoseSequence, Recording, Rig, ViewSequence
 from posefuse.core.arrays import Array, give_away, take_back
-from posefuse.core.poses import WrittenPoses
+from posefuse.core.poses import WrittenPoses, point_sigma_m
 from posefuse.core.view_sequences import PartsOfViews, ViewsInParts, people_in
 from posefuse.fusion import FuseSettings, fuse
 from posefuse.kinematics import facing_votes
@@ -155,7 +155,7 @@ def _steadied_points(fused: PoseSequence, smoothing: SmoothSettings) -> tuple[Ar
     """Points (T, N, K, 3), and (T, N, K) how well they are known: in a gap of a fast arm they may be far off."""
     xyz, cov = steady_sides(fused, facing_votes(fused))
     smooth_in_place(fused.t_ns, fused.skeleton, xyz, cov, smoothing)
-    return xyz, np.sqrt(np.trace(cov, axis1=-2, axis2=-1) / 3)
+    return xyz, point_sigma_m(cov)
 
 
 # The last step of a solve: one skeleton of constant segment lengths per person, fitted to what all views saw.
