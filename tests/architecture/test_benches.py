@@ -81,9 +81,11 @@ def test_the_check_can_fail(tmp_path: Path) -> None:
     assert "No module named 'posefuse.nowhere'" in found and "three cannot import name 'gone'" in found
 
 
-@pytest.mark.parametrize("folder", ["docs", "src", "examples"])
-def test_scripts_that_are_named_exist_with_their_options(folder: str) -> None:
-    files = [path for path in (ROOT / folder).rglob("*") if path.suffix in (".md", ".py", ".toml", ".yaml", ".js")]
+@pytest.mark.parametrize("place", ["docs", "src", "examples", ".github", ".ci", "Makefile", "README.md", "CONTRIBUTING.md"])
+def test_scripts_that_are_named_exist_with_their_options(place: str) -> None:
+    texts = (".md", ".py", ".toml", ".yaml", ".yml", ".js", "")
+    files = [path for path in (ROOT / place, *(ROOT / place).rglob("*")) if path.is_file() and path.suffix in texts]
+    assert files
     assert {str(path.relative_to(ROOT)): wrong for path in files if (wrong := wrong_names(path.read_text("utf-8")))} == {}
 
 
