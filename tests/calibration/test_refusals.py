@@ -12,7 +12,7 @@ from calibrating import zoomed
 from checks import refusal
 
 from bench.faults import command_cases, file_cases, good_sessions, person_cases, prop_cases, verify_cases
-from bench.faults.sessions import moved, one_changed, prop_session
+from bench.faults.sessions import errors, moved, one_changed, prop_session
 from bench.faults.verdict import RIGHT, SILENT, verdict
 from bench.faults.waved_props import Faults, Waving, board, cube, observe_prop
 from posefuse.calibration.bundle import clustered_covariance
@@ -21,12 +21,14 @@ from posefuse.calibration.extrinsics.causes import best_causes, cause_check
 from posefuse.calibration.extrinsics.freedoms import Freed
 from posefuse.calibration.extrinsics.pipeline import Options
 from posefuse.calibration.extrinsics.target import Calibration, calibrate_extrinsics
+from posefuse.calibration.extrinsics.world import triangulate_linear
 from posefuse.calibration.person.scale import KnownLength
 from posefuse.calibration.report import Check, RefusedCalibration
 from posefuse.calibration.targets.corners import CornerObservations
 from posefuse.calibration.targets.kinds import Charuco, Chessboard, Markers
 from posefuse.calibration.verify import verify
 from posefuse.core import SE3, CalibrationError, Rig
+from posefuse.evaluation.compare import similarity
 from posefuse.formats.rig import read_placed_rig, read_rig, write_rig
 
 FEWER_STEPS = Options(time_steps=60, clocks="together")
@@ -401,3 +403,15 @@ def test_lenses_known_to_a_per_cent_are_refined_when_asked(lab: Any, plain: Corn
     assert freed.rig.cameras[1].K[0, 0] == pytest.approx(focal / 1.01, rel=0.003)
     assert held.rig.cameras[1].K[0, 0] == focal
     assert lab.errors(freed.rig)[0].max() < 0.5 * lab.errors(held.rig)[0].max()
+
+
+@pytest.mark.parametrize("cameras", [2, 4])
+def test_a_focal_length_within_the_limit_moves_its_camera_but_hardly_a_point_where_the_target_was(cameras: int) -> None:
+    session = prop_session(6, cameras)
+    found = calibrate_extrinsics(session.watch(), zoomed(session.rig, 1, 1.004), session.target, FEWER_STEPS)
+    true = np.random.default_rng(6).uniform((-1.0, -1.0, 0.2), (1.0, 1.0, 1.9), (500, 3))
+    points = triangulate_linear(found.rig, np.stack([camera.project(true) for camera in session.rig]))
+    seen = np.isfinite(points).all(axis=1)
+    R, t, _ = similarity(points[seen], true[seen], scale=False)
+    assert np.median(np.linalg.norm(points[seen] @ R.T + t - true[seen], axis=1)) < 0.0015
+    assert errors(session.rig, found.rig)[0] > 5.0

@@ -169,13 +169,16 @@ def check_determined(solved: Solved) -> Check:
     worst, limit = int(np.argmax(sigma)), LIMITS.position_sigma_share * float(np.median(solved.distance_m))
     return Check(
         "cameras are determined", bool(sigma[worst] <= limit),
-        f"standard error of {solved.cameras[worst].name}'s position {sigma[worst] * 1e3:.1f} mm (limit {limit * 1e3:.1f})",
+        f"standard error of {solved.cameras[worst].name}'s position {sigma[worst] * 1e3:.1f} mm (limit {limit * 1e3:.1f}), its"
+        " intrinsics taken as exact",
         "let this camera see the prop more often, nearer and together with others",
     )  # fmt: skip
 
 
 def position_sigma_m(solved: Solved) -> Array:
-    """(C,) standard error of each camera's centre against the reference camera."""
+    """(C,) standard error of each camera's centre against the reference camera, with exact intrinsics: a focal length that is
+    wrong by a share moves its camera by about that share of the distance along its view.
+    """
     return np.asarray(np.sqrt(np.trace(position_cov_m2(solved), axis1=-2, axis2=-1)))
 
 

@@ -259,7 +259,7 @@ def _numbers(solved: Solved, rig: Rig, clocks: ClockEstimate) -> dict[str, float
     numbers = {
         "residual_px": rig.residual_px,
         "sigma_px": solved.solution.sigma_px,
-        "instants": float(len(np.unique(solved.seen.time_step))),
+        "time_steps": float(len(np.unique(solved.seen.time_step))),
         "usual_distance_m": float(np.median(solved.distance_m)),
     }
     for i, name in enumerate(rig.names):
