@@ -196,18 +196,10 @@ def calibrate_extrinsics(
         raise InputError("`focal_known_to_percent=P`: needs `intrinsics=FILE` to refine; without them, all are estimated")
     check_floor(floor, kind)
     _check_names(upside_down, inputs.cameras if isinstance(inputs, CornerObservations) else paths_by_camera(inputs))
-    if isinstance(inputs, CornerObservations):
-        seen = inputs
-    else:
-        sources = open_sources(inputs)
-        if lenses is not None:
-            for source in sources:
-                lenses[source.camera]
+    seen = inputs
+    if not isinstance(seen, CornerObservations):
         with shown(progress) as report:
-            seen = observe_sources(sources, with_floor(kind, floor), every, report)
-            if coverage is not None:
-                lines_of(report, "coverage")(f"{coverage}: {write_coverage(Path(coverage), seen).advice()}")
-        seen = replace(seen, recordings=tuple(paths_by_camera(inputs).items()))
+            seen = _observed(seen, lenses, with_floor(kind, floor), every, coverage, report)
     observations, world = world_rule(floor, seen, kind)
     sources = open_sources(dict(seen.recordings))
     require_target_seen(observations, sources, moved_target(kind, floor))
@@ -238,6 +230,19 @@ def calibrate_extrinsics(
         cells={camera.name: found.coverage.cells[i] for i, camera in enumerate(found.rig)},
         position_cov_m2={camera.name: found.position_cov_m2[i] for i, camera in enumerate(found.rig)},
     )
+
+
+def _observed(
+    inputs: Inputs, lenses: core.Rig | None, target: Target, every: int, coverage: str | Path | None, report: Progress
+) -> CornerObservations:
+    sources = open_sources(inputs)
+    if lenses is not None:
+        for source in sources:
+            lenses[source.camera]
+    seen = observe_sources(sources, target, every, report)
+    if coverage is not None:
+        lines_of(report, "coverage")(f"{coverage}: {write_coverage(Path(coverage), seen).advice()}")
+    return replace(seen, recordings=tuple(paths_by_camera(inputs).items()))
 
 
 @checked
