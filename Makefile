@@ -5,7 +5,7 @@ VENV   := .venv
 BIN    := $(VENV)/bin
 # the core and the tools of its tests; what needs more is skipped by name. `make test EXTRAS=dev$(MORE),biomech` skips nothing
 EXTRAS ?= dev
-MORE   := ,sim,teleop,viewer,ros
+MORE   := ,cluster,data,onnx,sim,teleop,viewer,ros
 SUM    := $(shell (cat pyproject.toml packages/*/pyproject.toml constraints.txt tools/install.sh; echo $(EXTRAS)) | cksum | cut -d' ' -f1)
 READY  := $(VENV)/.ready-$(SUM)
 CORE   := $(VENV)/.core-$(SUM)
@@ -131,7 +131,7 @@ demo-clip: with-dev$(MORE)
 	$(BIN)/posefuse simulate examples/scenes/demo.yaml --out examples/demo --force
 	$(BIN)/python tools/wheel_clip.py
 
-pictures: demo with-dev$(MORE)
+pictures: demo with-dev$(MORE),docs
 	cp out/demo/overview.png docs/images/overview.png
 	$(BIN)/python docs/make_simulation_pictures.py
 	$(BIN)/python -m tools.docs_site.pictures

@@ -16,6 +16,8 @@ from typing import Any
 # wait for each other longer than they compute
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 os.environ.setdefault("OMP_NUM_THREADS", "1")
+# curves need no window
+os.environ.setdefault("MPLBACKEND", "Agg")
 
 import built
 import numpy as np

@@ -4,7 +4,6 @@ from collections.abc import Callable
 from pathlib import Path
 
 import built
-import matplotlib
 import numpy as np
 import pytest
 from small_session import saved_session
@@ -14,8 +13,6 @@ from posefuse import core
 from posefuse.api.recording import recording_of
 from posefuse.core import Kind
 from posefuse.core.skeleton import BLAZEPOSE33
-
-matplotlib.use("Agg")
 
 
 @pytest.fixture

@@ -37,8 +37,7 @@ def test_labelled_arrays_have_named_axes_units_and_provenance(make_recording: Ma
 
 
 def test_netcdf_keeps_every_bit(make_recording: Make, tmp_path: Path) -> None:
-    import xarray as xr
-
+    xr = pytest.importorskip("xarray", reason="the extra data is not installed")
     recording = make_recording(people=(7, 3))
     recording.to_xarray().to_netcdf(tmp_path / "walk.nc")
     with xr.open_dataset(tmp_path / "walk.nc") as data:

@@ -13,7 +13,6 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any
 
-import matplotlib
 import pytest
 import yaml
 from checks import refusal
@@ -30,7 +29,6 @@ from tools.docs_site.api import GROUPS, api_page
 from tools.docs_site.commands import command_words, commands_page
 from tools.docs_site.settings import settings_page
 
-matplotlib.use("Agg")
 ROOT = Path(__file__).resolve().parents[2]
 DOCS = ROOT / "docs"
 PAGES = [ROOT / "README.md", *sorted(DOCS.rglob("*.md"))]

@@ -25,7 +25,7 @@ H5_SUFFIXES = (".h5", ".hdf5")
 def opened(path: Path) -> Any:
     """The file, to read from; raises DependencyError without the extra, InputError for what is no HDF5 file."""
     try:
-        import h5py  # type: ignore[import-untyped]
+        import h5py
     except ImportError:
         raise DependencyError(f"{path}: reading HDF5 needs the package h5py: pip install 'posefuse[h5]'") from None
     try:
