@@ -5,7 +5,9 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
+from built import unseen
 from checks import refusal
+from figure import walking
 from glb import read_glb
 from scipy.spatial.transform import Rotation
 
@@ -18,24 +20,17 @@ from posefuse.kinematics.sides import landmarks
 from posefuse_sim.motion.bvh import read_bvh
 
 
-def moving(t):
-    w = np.sin(2 * np.pi * t)
-    return {
-        "pelvis": (30 * t, 4 * w, 5), "trunk": (0, 6 * w, 9), "neck": (9 * w, 4, 20 * w), "left_hip": (25 * w, 6, -8),
-        "right_hip": (-20, 5 * w, 8), "left_knee": (50 + 20 * w, 0, 0), "right_knee": (30, 0, 0), "left_arm": (30 * w, -20, 9),
-        "right_arm": (-30 * w, -35, 9), "left_elbow": (60, 0, 0), "right_elbow": (45 + 9 * w, 0, 0), "left_wrist": (40, 9 * w, 5),
-        "left_ankle": (10 * w, 4, 2),
-    }  # fmt: skip
-
-
 @pytest.fixture
 def sequence(posed):
-    return posed([moving(i / 30) for i in range(40)], rate_hz=30.0)
+    return posed([walking(i / 30) for i in range(40)], rate_hz=30.0)
+
+
+def animated(sequence):
+    return animation_from_joints(sequence, joints_from_poses(sequence))
 
 
 def test_a_bvh_read_back_is_the_same_motion(sequence, tmp_path):
-    joints = joints_from_poses(sequence)
-    write_bvh(tmp_path / "a.bvh", animation_from_joints(sequence, joints), metres_per_unit=0.01)
+    write_bvh(tmp_path / "a.bvh", animated(sequence), metres_per_unit=0.01)
     back = read_bvh(tmp_path / "a.bvh")
     assert back.frame_s == pytest.approx(1 / 30, abs=1e-7)
     _, position = back.world()
@@ -49,8 +44,8 @@ def test_a_bvh_read_back_is_the_same_motion(sequence, tmp_path):
         np.testing.assert_allclose(world_m, points[point], atol=2e-5, err_msg=joint)
 
 
-def test_the_rest_pose_stands_upright_and_faces_z(sequence, tmp_path):
-    animation = animation_from_joints(sequence, joints_from_poses(sequence))
+def test_the_rest_pose_stands_upright_and_faces_z(sequence):
+    animation = animated(sequence)
     rest = dict(zip(animation.names, animation.rest_positions(), strict=True))
     assert rest["head"][1] > 0.5 > 0 > rest["left_foot"][1]
     assert rest["left_thigh"][0] > 0 > rest["right_thigh"][0]
@@ -61,7 +56,7 @@ def test_the_rest_pose_stands_upright_and_faces_z(sequence, tmp_path):
 
 def test_hierarchy_follows_blenders_rules(sequence, tmp_path):
     """By a reader of its own: one root, OFFSET then CHANNELS, leaves are End Sites, rows as wide as all channels."""
-    write_bvh(tmp_path / "a.bvh", animation_from_joints(sequence, joints_from_poses(sequence)))
+    write_bvh(tmp_path / "a.bvh", animated(sequence))
     lines = [line.strip() for line in (tmp_path / "a.bvh").read_text().splitlines()]
     channels, depth, ends = 0, 0, 0
     for before, line in pairwise(lines):
@@ -82,14 +77,9 @@ def test_hierarchy_follows_blenders_rules(sequence, tmp_path):
 
 
 def test_a_short_gap_is_bridged_and_a_long_one_named(sequence):
-    def holed(end):
-        xyz = sequence.xyz_world.copy()
-        xyz[10:end, :, sequence.skeleton.index("left_wrist")] = np.nan
-        gaps = replace(sequence, xyz_world=xyz)
-        return animation_from_joints(gaps, joints_from_poses(gaps))
-
-    assert all(np.isfinite(one).all() for one in holed(14).rotation)
-    refusal(InputError, r"segment left_forearm is missing from 0.30 to 1.00 s.*whole-body fit", holed, 30)
+    short, long = (unseen(sequence, "left_wrist", steps=slice(10, end)) for end in (14, 30))
+    assert all(np.isfinite(one).all() for one in animated(short).rotation)
+    refusal(InputError, r"segment left_forearm is missing from 0.30 to 1.00 s.*whole-body fit", animated, long)
 
 
 def test_a_person_who_comes_and_goes_is_held_before_and_after(sequence):
@@ -98,9 +88,8 @@ def test_a_person_who_comes_and_goes_is_held_before_and_after(sequence):
     xyz[:8], xyz[-5:] = np.nan, np.nan
     # 10 Hz: 0.8 s and 0.5 s
     seen = replace(sequence, xyz_world=xyz, t_ns=np.arange(40) * 100_000_000)
-    joints = joints_from_poses(seen)
-    assert animation_gap(joints) is None
-    held, whole = (animation_from_joints(one, joints_from_poses(one)) for one in (seen, replace(sequence, t_ns=seen.t_ns)))
+    assert animation_gap(joints_from_poses(seen)) is None
+    held, whole = animated(seen), animated(replace(sequence, t_ns=seen.t_ns))
     assert len(held) == 40
     rotation, position = np.stack(held.rotation, axis=1), np.stack(held.position, axis=1)
     np.testing.assert_allclose(rotation[8:35], np.stack(whole.rotation, axis=1)[8:35], atol=0.01)
@@ -108,20 +97,18 @@ def test_a_person_who_comes_and_goes_is_held_before_and_after(sequence):
         np.testing.assert_allclose(rotation[before_or_after] - rotation[edge], 0, atol=1e-9)
         np.testing.assert_allclose(position[before_or_after] - position[edge], 0, atol=1e-9)
     # a segment that is missing while the person is there is no such thing
-    xyz[8:20, :, sequence.skeleton.index("left_wrist")] = np.nan
-    joints = joints_from_poses(replace(seen, xyz_world=xyz))
-    assert "left_forearm is missing from 0.80 to 2.00 s" in str(animation_gap(joints))
+    gap = animation_gap(joints_from_poses(unseen(seen, "left_wrist", steps=slice(8, 20))))
+    assert "left_forearm is missing from 0.80 to 2.00 s" in str(gap)
 
 
 def test_skeletons_without_hands_and_heads_end_earlier(posed):
-    sequence = posed([moving(i / 30) for i in range(5)], "paper14", rate_hz=30.0)
-    names = animation_from_joints(sequence, joints_from_poses(sequence)).names
+    names = animated(posed([walking(i / 30) for i in range(5)], "paper14", rate_hz=30.0)).names
     assert "head" not in names and "left_hand" not in names
     assert {"left_forearm_end", "right_shank_end"} <= set(names)
 
 
 def test_gltf_holds_the_same_motion(sequence, tmp_path):
-    animation = animation_from_joints(sequence, joints_from_poses(sequence))
+    animation = animated(sequence)
     write_gltf(tmp_path / "a.glb", animation)
     content, read = read_glb(tmp_path / "a.glb")
     samplers = content["animations"][0]["samplers"]
@@ -139,11 +126,11 @@ def test_gltf_holds_the_same_motion(sequence, tmp_path):
 
 
 def test_what_the_files_cannot_hold_is_refused(sequence, tmp_path):
-    animation = animation_from_joints(sequence, joints_from_poses(sequence))
+    animation = animated(sequence)
     stretched = [one.copy() for one in animation.position]
     stretched[2][3] += 0.1
     with pytest.raises(InputError, match=f"joints must keep their offset; these move: {animation.names[2]}"):
         write_bvh(tmp_path / "a.bvh", type(animation)(**{**vars(animation), "position": stretched}))
     refusal(InputError, r"expected a file ending in \.glb", write_gltf, tmp_path / "a.obj", animation)
     uneven = replace(sequence, t_ns=sequence.t_ns**2 // 10**6 + sequence.t_ns)
-    refusal(InputError, "evenly spaced", lambda: animation_from_joints(uneven, joints_from_poses(uneven)))
+    refusal(InputError, "evenly spaced", animated, uneven)

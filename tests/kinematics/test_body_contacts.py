@@ -3,7 +3,7 @@
 import built
 import numpy as np
 import pytest
-from built import simulated, view_sequence
+from built import simulated
 
 from posefuse.core import PoseSequence
 from posefuse.core.skeleton import ANATOMICAL23
@@ -23,15 +23,13 @@ def walker():
 
 @pytest.fixture(scope="module")
 def poses(walker) -> PoseSequence:
-    noise_m = np.random.default_rng(1).normal(size=walker.shape) * SIGMA_M
-    return built.poses(walker + noise_m, SIGMA_M, RATE_HZ, ANATOMICAL23)
+    return built.shaken(built.poses(walker, SIGMA_M, RATE_HZ, ANATOMICAL23), SIGMA_M, 1)
 
 
 @pytest.fixture(scope="module")
 def fits(poses, walker, ring_rig):
-    rig, rng = ring_rig(4), np.random.default_rng(2)
-    xy = np.moveaxis(rig.project(walker), 0, 2)
-    views = view_sequence(rig, poses, xy + rng.normal(size=xy.shape) * SIGMA_PX, sigma_px=SIGMA_PX)
+    rig, exact = ring_rig(4), built.poses(walker, SIGMA_M, RATE_HZ, ANATOMICAL23)
+    views = built.noisy_views(rig, exact, SIGMA_PX, 2, sigma_px=SIGMA_PX)
     return {name: fit_views(poses, rig, views, chosen).poses for name, chosen in {"stand": None, "loose": LOOSE}.items()}
 
 

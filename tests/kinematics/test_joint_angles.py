@@ -6,8 +6,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from built import arrays_of
+from built import arrays_of, shaken, unseen
 from checks import refusal
+from figure import BENT
 from scipy.spatial.transform import Rotation
 
 from posefuse.core import SE3, SKELETONS, InputError, ShapeError
@@ -25,23 +26,6 @@ from posefuse.kinematics import (
 )
 
 EXACT = JointSettings(hinge_play_rad=0.0, turn_rate_rad_sqrt_s=10.0)
-BENT = {
-    "pelvis": (20.0, 5.0, 12.0),
-    "trunk": (0.0, 8.0, -15.0),
-    "neck": (14.0, -6.0, 25.0),
-    "left_arm": (35.0, -22.0, 18.0),
-    "right_arm": (-25.0, -40.0, 30.0),
-    "left_elbow": (75.0, 0.0, 0.0),
-    "right_elbow": (48.0, 0.0, 0.0),
-    "left_wrist": (35.0, 20.0, -12.0),
-    "right_wrist": (60.0, -25.0, 9.0),
-    "left_hip": (40.0, 11.0, -9.0),
-    "right_hip": (-15.0, -8.0, 14.0),
-    "left_knee": (62.0, 0.0, 0.0),
-    "right_knee": (31.0, 0.0, 0.0),
-    "left_ankle": (-18.0, 7.0, 5.0),
-    "right_ankle": (12.0, -9.0, -6.0),
-}
 
 
 def degrees_of(joints, name, i=0, n=0):
@@ -125,10 +109,9 @@ def test_sigma_is_the_spread_of_angles_of_noisy_points(posed):
 
 def test_angles_stay_continuous_through_straight_knees_and_whole_turns(posed):
     t = np.linspace(0, 4, 401)
-    frames = [
-        {"pelvis": (200 * s, 0, 0), "left_hip": (25 * np.sin(6 * s), 2, 5), "left_knee": (30 - 30 * np.cos(6 * s), 0, 0)}
-        for s in t
-    ]
+    knee_deg, hip_deg = 30 - 30 * np.cos(6 * t), 25 * np.sin(6 * t)
+    turns = zip(200 * t, hip_deg, knee_deg, strict=True)
+    frames = [{"pelvis": (turn, 0, 0), "left_hip": (hip, 2, 5), "left_knee": (knee, 0, 0)} for turn, hip, knee in turns]
     joints = joints_from_poses(posed(frames))
     for name in ("pelvis", "left_hip", "left_knee"):
         angles = degrees_of(joints, name, slice(None))
@@ -136,16 +119,13 @@ def test_angles_stay_continuous_through_straight_knees_and_whole_turns(posed):
         assert np.abs(np.diff(angles[:, defined], axis=0)).max() < 4, name
     turned = degrees_of(joints, "pelvis", slice(None))
     assert turned[-1, 0] - turned[0, 0] == pytest.approx(800, abs=1e-3)
-    np.testing.assert_allclose(degrees_of(joints, "left_knee", slice(None))[:, 0], 30 - 30 * np.cos(6 * t), atol=0.05)
+    np.testing.assert_allclose(degrees_of(joints, "left_knee", slice(None))[:, 0], knee_deg, atol=0.05)
 
 
 def test_noise_on_a_straight_leg_does_not_reach_the_turn(posed):
-    rng = np.random.default_rng(1)
     frames = [{"left_knee": (60.0 if i < 30 else 0.5, 0, 0), "left_hip": (20, 0, 10)} for i in range(90)]
-    clean = posed(frames, sigma_m=0.01)
-    xyz = clean.xyz_world + rng.normal(size=clean.xyz_world.shape) * 0.01
-    noisy = replace(clean, xyz_world=xyz)
-    tracker = JointTracker(clean.skeleton)
+    noisy = shaken(posed(frames, sigma_m=0.01), 0.01, seed=1)
+    tracker = JointTracker(noisy.skeleton)
     live = [tracker.step(noisy.at(i)) for i in range(90)]
     turn = np.array([degrees_of(j, "left_hip")[2] for j in live])
     sigma = np.degrees([j.sigma_rad[0, 0, JOINT_NAMES.index("left_hip"), 2] for j in live])
@@ -182,7 +162,7 @@ def test_a_straight_limb_keeps_its_plane_among_errors_that_last(posed):
 
 def test_live_equals_recorded_when_the_planes_are_clear(posed):
     frames = [{**BENT, "left_knee": (40 + i, 0, 0)} for i in range(20)]
-    sequence = posed(frames, sigma_m=1e-6)
+    sequence = posed(frames)
     tracker = JointTracker(sequence.skeleton, EXACT)
     live = np.concatenate([tracker.step(sequence.at(i)).angle_rad for i in range(20)])
     np.testing.assert_allclose(live, joints_from_poses(sequence, EXACT).angle_rad, atol=1e-6)
@@ -190,9 +170,7 @@ def test_live_equals_recorded_when_the_planes_are_clear(posed):
 
 def test_each_skeleton_lists_missing_angles_with_reasons():
     paper = undefined_angles(SKELETONS["paper14"])
-    assert "needs nose, left_ear, right_ear" in paper["neck.flexion"].replace(
-        "left_ear, right_ear, nose", "nose, left_ear, right_ear"
-    )
+    assert re.search(r"needs (nose, left_ear, right_ear|left_ear, right_ear, nose)", paper["neck.flexion"])
     assert "left_heel" in paper["left_ankle.dorsiflexion"]
     assert "not determined by joint centres" in paper["right_knee.internal_rotation"]
     assert "left_knee.flexion" not in paper
@@ -211,11 +189,7 @@ def test_what_a_skeleton_promises_is_there(posed, skeleton):
 
 
 def test_a_missing_keypoint_takes_only_what_needs_it(posed):
-    sequence = posed([BENT])
-    xyz = sequence.xyz_world.copy()
-    xyz[:, :, sequence.skeleton.index("left_ankle")] = np.nan
-    holed = replace(sequence, xyz_world=xyz)
-    joints, reasons = reasons_from_poses(holed, EXACT)
+    joints, reasons = reasons_from_poses(unseen(posed([BENT]), "left_ankle"), EXACT)
     knee, hip = joints.joints.index("left_knee"), joints.joints.index("left_hip")
     assert reasons[0, 0, knee, 0] == Reason.MISSING
     np.testing.assert_allclose(degrees_of(joints, "left_hip")[:2], BENT["left_hip"][:2], atol=1e-5)
@@ -269,9 +243,8 @@ def test_points_that_coincide_give_no_angles_and_no_error(posed):
         xyz = np.array(pose.xyz_world)
         xyz[:, one] = xyz[:, other]
         joints = tracker.step(replace(pose, xyz_world=xyz))
-        lost |= {
-            name for name, missing in zip(joints.joints, (whole & np.isnan(joints.angle_rad))[0, 0], strict=True) if missing.any()
-        }
+        missing = (whole & np.isnan(joints.angle_rad))[0, 0].any(axis=-1)
+        lost |= {joints.joints[q] for q in np.flatnonzero(missing)}
     assert {"left_knee", "right_elbow", "left_ankle"} <= lost
 
 
@@ -298,11 +271,8 @@ PAGE = Path(__file__).parents[2] / "docs" / "kinematics.md"
 
 def test_every_joint_is_documented_with_its_sequence_and_angles():
     rows = dict(re.findall(r"^\| (\w+) \|[^|]*\| ([XYZ]-[XYZ]-[XYZ] \| [a-z_, ]+) \|", PAGE.read_text(), re.MULTILINE))
-    expected = {
-        j.name.removeprefix("left_").removeprefix("right_"): f"{'-'.join(j.sequence)} | {', '.join(j.angle_names)}"
-        for j in JOINTS
-    }
-    assert rows == expected
+    said = {re.sub("left_|right_", "", j.name): f"{'-'.join(j.sequence)} | {', '.join(j.angle_names)}" for j in JOINTS}
+    assert rows == said
 
 
 # --- where the body faces, by clues that do not depend on which side is called left
@@ -328,8 +298,5 @@ def test_clues_turn_with_the_limbs_whose_sides_are_exchanged_and_not_with_the_wo
 
 def test_without_face_feet_and_knees_there_is_no_clue(posed) -> None:
     sequence = posed([LIMBS])
-    xyz = np.array(sequence.xyz_world)
-    xyz[:, :, [k for k, name in enumerate(sequence.skeleton.keypoints) if name.endswith(("nose", "heel", "index", "knee"))]] = (
-        np.nan
-    )
-    assert not facing_votes(replace(sequence, xyz_world=xyz)).any()
+    clues = [name for name in sequence.skeleton.keypoints if name.endswith(("nose", "heel", "index", "knee"))]
+    assert not facing_votes(unseen(sequence, *clues)).any()

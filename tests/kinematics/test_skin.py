@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from figure import BENT
 from glb import read_glb
 from scipy.spatial.transform import Rotation
 
@@ -10,12 +11,6 @@ from posefuse.kinematics import joints_from_poses
 from posefuse.kinematics.animation import animation_from_joints
 from posefuse.kinematics.definitions import NOSE_BELOW_RAD
 from posefuse.kinematics.skin import length_names, skin_of, template
-
-BENT = {
-    "left_knee": (60, 0, 0), "right_knee": (20, 0, 0), "left_hip": (50, 5, 5), "right_hip": (-5, 3, 0), "left_arm": (80, -20, 10),
-    "right_arm": (-10, -10, 0), "left_elbow": (70, 0, 0), "right_elbow": (25, 0, 0), "trunk": (0, 8, 15), "neck": (10, 5, 20),
-    "pelvis": (40, 4, 6),
-}  # fmt: skip
 
 
 def animation(posed, root=None):

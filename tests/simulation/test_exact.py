@@ -2,40 +2,25 @@
 
 import numpy as np
 import pytest
+from scenes import listed, scene, still
 
-from posefuse.core import Rig
-from posefuse_sim import Scene
-from posefuse_sim.build import live_scene
-from posefuse_sim.cameras import ImageSettings, ListedCameras, PlacedCamera, SensorSettings
+from posefuse.core import SE3, Rig
+from posefuse_sim.build import LiveScene, live_scene
 from posefuse_sim.exact import prop_truth, seen_points, visible_by_shapes
-from posefuse_sim.props import ArucoCube, CharucoBoard, StillPath, WavedPath
 
+_FISHEYE = {"lens": "fisheye", "distortion": [0.03, -0.01, 0.002, 0.0], "K": [[420.0, 0, 450.0], [0, 421.0, 449.0], [0, 0, 1]]}
 _CAMERAS = (
-    PlacedCamera(name="tilted", position_m=(3.2, 0.4, 2.5), roll_deg=37, image=ImageSettings(size_px=(1280, 720))),
-    PlacedCamera(
-        name="bent", position_m=(-1.5, 3.1, 0.4),
-        image=ImageSettings(size_px=(640, 480), distortion=(-0.31, 0.12, 0.003, -0.002, -0.02)),
-    ),
-    PlacedCamera(
-        name="fish", position_m=(-2.8, -1.9, 1.7), roll_deg=-90,
-        image=ImageSettings(
-            size_px=(900, 901), lens="fisheye", distortion=(0.03, -0.01, 0.002, 0.0),
-            K=((420.0, 0, 450.0), (0, 421.0, 449.0), (0, 0, 1.0)),
-        ),
-    ),
-    PlacedCamera(name="small", position_m=(1.0, -3.5, 2.0), image=ImageSettings(size_px=(320, 200))),
-)  # fmt: skip
+    {"name": "tilted", "position_m": [3.2, 0.4, 2.5], "roll_deg": 37, "image": {"size_px": [1280, 720]}},
+    {"name": "bent", "position_m": [-1.5, 3.1, 0.4], "image": {"distortion": [-0.31, 0.12, 0.003, -0.002, -0.02]}},
+    {"name": "fish", "position_m": [-2.8, -1.9, 1.7], "roll_deg": -90, "image": {"size_px": [900, 901], **_FISHEYE}},
+    {"name": "small", "position_m": [1.0, -3.5, 2.0], "image": {"size_px": [320, 200]}},
+)
+_WAVED = {"kind": "waved", "speed_mps": 2.5}
 
 
-def _scene(sensor: SensorSettings = SensorSettings(), path=WavedPath(kind="waved", speed_mps=2.5)) -> Scene:  # noqa: B008
-    cameras = tuple(
-        PlacedCamera(**{name: getattr(c, name) for name in ("name", "position_m", "roll_deg", "image")}, sensor=sensor)
-        for c in _CAMERAS
-    )
-    return Scene(
-        duration_s=2, rate_hz=10, cameras=ListedCameras(kind="list", cameras=cameras),
-        props=(CharucoBoard(kind="charuco_board", path=path),),
-    )  # fmt: skip
+def _live(path=_WAVED, *, prop="charuco_board", duration_s=2, rate_hz=10, **sensor) -> LiveScene:
+    cameras = listed(*({**camera, "sensor": sensor} for camera in _CAMERAS))
+    return live_scene(scene(duration_s=duration_s, rate_hz=rate_hz, cameras=cameras, props=[{"kind": prop, "path": path}]))
 
 
 def _triangulated(rig: Rig, xy_img: np.ndarray) -> np.ndarray:
@@ -50,7 +35,7 @@ def _triangulated(rig: Rig, xy_img: np.ndarray) -> np.ndarray:
 
 
 def test_exact_pixels_triangulate_to_the_exact_points():
-    live = live_scene(_scene())
+    live = _live()
     seen = [seen_points(live, c, slice(0, 20)) for c in range(4)]
     xyz = _triangulated(live.rig, np.stack([one.xy_img for one in seen]))
     assert np.linalg.norm(xyz - seen[0].xyz_world, axis=-1).max() < 1e-7
@@ -58,7 +43,7 @@ def test_exact_pixels_triangulate_to_the_exact_points():
 
 def test_a_rolling_shutter_is_seen_by_every_point_at_its_own_row():
     readout_s = 0.03
-    live = live_scene(_scene(SensorSettings(readout_s=readout_s)))
+    live = _live(readout_s=readout_s)
     prop = live.props[0]
     for c, camera in enumerate(live.rig):
         seen = seen_points(live, c, slice(3, 8))
@@ -70,23 +55,21 @@ def test_a_rolling_shutter_is_seen_by_every_point_at_its_own_row():
             there = np.stack([pose[i] @ prop.points_prop[q] for i in range(5)])
             # a parabola through three moments of the readout
             assert np.linalg.norm(there - seen.xyz_world[:, q], axis=-1)[inside].max(initial=0) < 2e-4
-    frozen = seen_points(live_scene(_scene()), 0, slice(3, 8))
+    frozen = seen_points(_live(), 0, slice(3, 8))
     assert np.nanmax(np.abs(frozen.xy_img - seen_points(live, 0, slice(3, 8)).xy_img)) > 1
 
 
 def test_printed_points_are_possible_only_from_the_front():
     for roll_deg, expected in ((0.0, True), (180.0, False)):
-        live = live_scene(_scene(path=StillPath(kind="still", position_m=(0, 0, 0.3), roll_deg=roll_deg)))
+        live = _live(still([0, 0, 0.3], roll_deg=roll_deg))
         assert seen_points(live, 0, slice(0, 1)).possible.all() == expected
         assert visible_by_shapes(live, 0, slice(0, 1)).any() == expected
 
 
 def test_prop_truth_agrees_with_itself():
-    live = live_scene(_scene())
+    live = _live()
     visible = [visible_by_shapes(live, c, slice(0, 20)) for c in range(4)]
     arrays = prop_truth(live, visible)
-    from posefuse.core import SE3
-
     for c, camera in enumerate(live.rig):
         pose = SE3(arrays[f"prop0_view{c}_wxyz"], arrays[f"prop0_view{c}_xyz"])
         expected = np.stack([camera.project(pose[f] @ arrays["prop0_points_prop"]) for f in range(20)])
@@ -94,9 +77,8 @@ def test_prop_truth_agrees_with_itself():
 
 
 def test_a_waved_cube_stays_in_its_box_and_moves_at_about_its_speed():
-    path = WavedPath(kind="waved", centre_m=(0.2, -0.1, 1.0), extent_m=(1.8, 1.2, 0.8), speed_mps=0.7, turn_dps=60.0)
-    scene = Scene(duration_s=60, rate_hz=30, cameras=_scene().cameras, props=(ArucoCube(kind="aruco_cube", path=path),))
-    live = live_scene(scene)
+    path = {"kind": "waved", "centre_m": [0.2, -0.1, 1.0], "extent_m": [1.8, 1.2, 0.8], "speed_mps": 0.7, "turn_dps": 60.0}
+    live = _live(path, prop="aruco_cube", duration_s=60, rate_hz=30)
     t_s = live.t_ns / 1e9
     pose = live.prop_poses(t_s)[0]
     assert (np.abs(pose.xyz - [0.2, -0.1, 1.0]) <= np.array([0.9, 0.6, 0.4]) + 1e-9).all()

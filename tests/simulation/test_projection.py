@@ -5,39 +5,32 @@ import numpy as np
 import pytest
 from calibrating import refined
 from checks import refusal
+from scenes import PLAIN_ROOM, listed, scene, still
 
 from posefuse.core import ConfigError
 from posefuse.core.ideal_image import optics_of
 from posefuse_sim.build import live_scene
-from posefuse_sim.cameras import DepthSettings, ImageSettings, ListedCameras, PlacedCamera, SensorSettings
-from posefuse_sim.props import ArucoCube, CharucoBoard, GroundTile, StillPath
 from posefuse_sim.scene import Scene
-from posefuse_sim.surroundings import RoomSettings
 
-EXACT_DEPTH = DepthSettings(disparity_sigma_px=0, step_px=0, floor_m=0, lateral_px=0, edge_loss=0)
+EXACT_DEPTH = {"disparity_sigma_px": 0, "step_px": 0, "floor_m": 0, "lateral_px": 0, "edge_loss": 0}
+_FISHEYE = {"lens": "fisheye", "distortion": [0.02, -0.01, 0.001, 0.0], "K": [[330.0, 0, 352.0], [0, 332.0, 275.0], [0, 0, 1]]}
 LENSES = {
-    "ideal": ImageSettings(size_px=(640, 480)),
-    "bent": ImageSettings(size_px=(640, 480), distortion=(-0.28, 0.09, 0.002, -0.003, -0.01)),
-    "pincushion": ImageSettings(size_px=(800, 450), distortion=(0.15, -0.02, 0.0, 0.001)),
-    "odd K": ImageSettings(size_px=(643, 361), K=((560.0, 0.0, 300.3), (0.0, 610.0, 170.8), (0.0, 0.0, 1.0))),
-    "fisheye": ImageSettings(
-        size_px=(720, 540), lens="fisheye", distortion=(0.02, -0.01, 0.001, 0.0),
-        K=((330.0, 0.0, 352.0), (0.0, 332.0, 275.0), (0.0, 0.0, 1.0)),
-    ),
-}  # fmt: skip
+    "ideal": {},
+    "bent": {"distortion": [-0.28, 0.09, 0.002, -0.003, -0.01]},
+    "pincushion": {"size_px": [800, 450], "distortion": [0.15, -0.02, 0.0, 0.001]},
+    "odd K": {"size_px": [643, 361], "K": [[560.0, 0, 300.3], [0, 610.0, 170.8], [0, 0, 1]]},
+    "fisheye": {"size_px": [720, 540], **_FISHEYE},
+}
+_PATH = still([0.0, 0.0, 1.0], yaw_deg=30, pitch_deg=8, roll_deg=55)
+_BOARD = {"kind": "charuco_board", "square_m": 0.13, "marker_m": 0.06, "path": _PATH}
+_CUBE = {"kind": "aruco_cube", "side_m": 0.5, "marker_m": 0.36, "path": still([0.1, 0, 0.6], yaw_deg=-8)}
+_TILE = {"kind": "ground_tile", "path": still([0, 0, 0.8])}
 
 
-_PATH = StillPath(kind="still", position_m=(0.0, 0.0, 1.0), yaw_deg=30, pitch_deg=8, roll_deg=55)
-_BOARD = CharucoBoard(kind="charuco_board", square_m=0.13, marker_m=0.06, path=_PATH)
-
-
-def _scene(image: ImageSettings, prop=_BOARD, **sensor) -> Scene:
-    camera = PlacedCamera(
-        name="eye", position_m=(1.1, -1.4, 1.9), look_at_m=(0.1, 0.1, 1.0), roll_deg=25, image=image,
-        sensor=SensorSettings(**sensor),
-    )  # fmt: skip
-    plain = RoomSettings(floor="plain", walls="plain", shadows=False)
-    return Scene(duration_s=0.2, cameras=ListedCameras(kind="list", cameras=(camera,)), props=(prop,), room=plain)
+def _scene(image: dict, prop: dict = _BOARD, **sensor) -> Scene:
+    place = {"position_m": [1.1, -1.4, 1.9], "look_at_m": [0.1, 0.1, 1.0], "roll_deg": 25}
+    camera = {"name": "eye", **place, "image": image, "sensor": sensor}
+    return scene(duration_s=0.2, cameras=listed(camera), props=[prop], room=PLAIN_ROOM)
 
 
 @pytest.mark.gl
@@ -66,16 +59,7 @@ def test_measured_depth_lies_under_the_projected_pixels(lens, shots):
 
 
 @pytest.mark.gl
-@pytest.mark.parametrize(
-    "prop",
-    [
-        ArucoCube(
-            kind="aruco_cube", side_m=0.5, marker_m=0.36, path=StillPath(kind="still", position_m=(0.1, 0, 0.6), yaw_deg=-8)
-        ),
-        GroundTile(kind="ground_tile", path=StillPath(kind="still", position_m=(0, 0, 0.8))),
-    ],
-    ids=["cube", "tile"],
-)
+@pytest.mark.parametrize("prop", [_CUBE, _TILE], ids=["cube", "tile"])
 def test_markers_are_found_by_opencv_with_their_ids_and_corner_order(prop, shots):
     live, [shot] = shots(_scene(LENSES["bent"], prop))
     made, camera = live.props[0], live.rig.cameras[0]
@@ -91,8 +75,6 @@ def test_markers_are_found_by_opencv_with_their_ids_and_corner_order(prop, shots
 
 
 def test_a_lens_that_sees_behind_the_image_plane_is_refused_by_name():
-    wide = ImageSettings(
-        size_px=(800, 800), lens="fisheye", K=((220.0, 0, 400.0), (0, 220.0, 400.0), (0, 0, 1.0)), distortion=(0, 0, 0, 0)
-    )
-    live = live_scene(_scene(wide, GroundTile(kind="ground_tile")))
+    wide = {"size_px": [800, 800], **_FISHEYE, "K": [[220.0, 0, 400.0], [0, 220.0, 400.0], [0, 0, 1]], "distortion": [0] * 4}
+    live = live_scene(_scene(wide, {"kind": "ground_tile"}))
     refusal(ConfigError, r"camera eye: its lens sees .* longer focal length", optics_of, live.rig.cameras[0])

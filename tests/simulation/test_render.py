@@ -9,37 +9,27 @@ import numpy as np
 import pytest
 from calibrating import refined
 from checks import refusal
+from scenes import PLAIN_ROOM, listed, scene, still
 
 from posefuse.core import SE3, DependencyError, Frame
 from posefuse.core.skeleton import ANATOMICAL23, pick_keypoints
 from posefuse.detection.blazepose import BlazePoseConfig
 from posefuse_sim import build
-from posefuse_sim.body import BodyShapeSettings
 from posefuse_sim.build import live_scene
-from posefuse_sim.cameras import ImageSettings, ListedCameras, PlacedCamera, RingCameras, SensorSettings
+from posefuse_sim.cameras import SensorSettings
 from posefuse_sim.exact import seen_points
-from posefuse_sim.motion.settings import StandSettings
-from posefuse_sim.props import CharucoBoard, StillPath
 from posefuse_sim.render import stage as backends
 from posefuse_sim.render.shot import moments_of
-from posefuse_sim.scene import PersonSettings, Scene
-from posefuse_sim.surroundings import RoomSettings
+from posefuse_sim.scene import Scene
 
 _SPEED_MPS = 3.0
+_BOARD = {"kind": "charuco_board", "squares": [5, 7], "square_m": 0.14, "marker_m": 0.05, "path": still([-1.5, 0.0, 0.9])}
+_EYE = {"name": "eye", "position_m": [0.0, 0.0, 2.6], "look_at_m": [0.0, 0.0, 0.9], "image": {"size_px": [400, 300]}}
 
 
 def _scene(seed: int = 0, **sensor) -> Scene:
     """A board that flies sideways past a camera which looks straight at it."""
-    camera = PlacedCamera(
-        name="eye", position_m=(0.0, 0.0, 2.6), look_at_m=(0.0, 0.0, 0.9),
-        image=ImageSettings(size_px=(400, 300)), sensor=SensorSettings(**sensor),
-    )  # fmt: skip
-    still = StillPath(kind="still", position_m=(-1.5, 0.0, 0.9))
-    board = CharucoBoard(kind="charuco_board", squares=(5, 7), square_m=0.14, marker_m=0.05, path=still)
-    room = RoomSettings(floor="plain", walls="plain", shadows=False)
-    return Scene(
-        duration_s=1, rate_hz=20, seed=seed, cameras=ListedCameras(kind="list", cameras=(camera,)), props=(board,), room=room
-    )
+    return scene(rate_hz=20, seed=seed, cameras=listed({**_EYE, "sensor": sensor}), props=[_BOARD], room=PLAIN_ROOM)
 
 
 @pytest.fixture(autouse=True)
@@ -170,9 +160,8 @@ def test_two_stages_of_one_process_do_not_disturb_each_other(shots):
 # --- are the pictures good enough? The real network looks at a simulated person from every side
 
 
-_LIMBS = tuple(
-    f"{side}_{joint}" for side in ("left", "right") for joint in ("shoulder", "elbow", "wrist", "hip", "knee", "ankle")
-)
+_JOINTS = ("shoulder", "elbow", "wrist", "hip", "knee", "ankle")
+_LIMBS = tuple(f"{side}_{joint}" for side in ("left", "right") for joint in _JOINTS)
 
 
 @pytest.fixture(scope="module")
@@ -183,9 +172,8 @@ def network(models):
 @pytest.mark.gl
 @pytest.mark.parametrize("sex", ["female", "male"])
 def test_the_network_finds_the_person_from_every_side(sex, network, shots):
-    person = PersonSettings(body=BodyShapeSettings(sex=sex), motion=StandSettings(kind="wave", heading_deg=15))
-    ring = RingCameras(kind="ring", count=8, radius_m=4.0, image=ImageSettings(size_px=(640, 480)))
-    live, taken = shots(Scene(duration_s=0.1, cameras=ring, people=(person,)))
+    person = {"body": {"sex": sex}, "motion": {"kind": "wave", "heading_deg": 15}}
+    live, taken = shots(scene(cameras={"kind": "ring", "count": 8, "radius_m": 4.0}, people=[person]))
     frames, truth = [], []
     for c, (camera, shot) in enumerate(zip(live.rig, taken, strict=True)):
         frames.append(Frame(camera=camera.name, seq=0, t_ns=0, received_ns=0, image=shot.image))

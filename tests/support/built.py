@@ -73,6 +73,19 @@ def without(view: Detections2D, keypoints: Sequence[int] | np.ndarray) -> Detect
     return replace(view, xy_img=xy, score=score)
 
 
+def shaken(poses: PoseSequence, sigma_m: float, seed: int = 0) -> PoseSequence:
+    """The same people, off by noise."""
+    noise_m = np.random.default_rng(seed).normal(size=poses.xyz_world.shape) * sigma_m
+    return replace(poses, xyz_world=poses.xyz_world + noise_m)
+
+
+def unseen(poses: PoseSequence, *keypoints: str, steps: slice = slice(None)) -> PoseSequence:
+    """The same people, these keypoints missing at these time steps."""
+    xyz = poses.xyz_world.copy()
+    xyz[steps][:, :, poses.skeleton.indices(keypoints)] = np.nan
+    return replace(poses, xyz_world=xyz)
+
+
 def of_sides(skeleton: Skeleton, left: Mapping[str, Point], **others: Point) -> np.ndarray:
     """(K, 3) a body that is symmetric about y = 0, out of the parts of its left side; `others` by their whole names, NaN else."""
     known = dict(others)
@@ -222,6 +235,16 @@ def view_sequence(
         sigma_px=np.where(score > 0, sigma_px, np.nan),
         depth_m=depth_m,
     )
+
+
+def noisy_views(
+    rig: Rig, sequence: PoseSequence, noise_px: float, seed: int, score: np.ndarray | None = None, sigma_px: float = 1.0
+) -> ViewSequence:
+    """What a rig sees of the people of a sequence, off by noise; of `score` (T, N, C, K) 0 is unseen."""
+    xy = np.moveaxis(rig.project(sequence.xyz_world), 0, 2)
+    xy = xy + np.random.default_rng(seed).normal(size=xy.shape) * noise_px
+    shown = xy if score is None else np.where(score[..., None] > 0, xy, np.nan)
+    return view_sequence(rig, sequence, shown, score, sigma_px)
 
 
 def recording(rig: Rig, sequence: PoseSequence, score: float = 0.9, sigma_px: float = 2.0, **provenance: Any) -> Recording:

@@ -8,51 +8,38 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import pytest
+import scenes
 
 import posefuse as pf
 from posefuse_sim import Scene
 from posefuse_sim.build import LiveScene, live_scene
-from posefuse_sim.cameras import ImageSettings, ListedCameras, PlacedCamera, SensorSettings
 from posefuse_sim.gazebo import GazeboWorld
 from posefuse_sim.gazebo.export import shown_scene
-from posefuse_sim.motion.settings import CirclePath, WalkSettings
-from posefuse_sim.props import ArucoCube, CharucoBoard, GroundTile, StillPath, WavedPath
-from posefuse_sim.scene import PersonSettings, write_scene
-from posefuse_sim.surroundings import BoxOccluder, RoomSettings
+from posefuse_sim.scene import write_scene
 
 _HERE = Path(__file__).parent
 _SCHEMAS = Path("/usr/share/sdformat12/1.9")
 # every axis of the image and both focal lengths differ, so that nothing can be taken for another
-_PLAIN = ImageSettings(size_px=(320, 200), K=((260.0, 0, 148.25), (0, 290.0, 111.75), (0, 0, 1)))
-_BENT = ImageSettings(size_px=(240, 180), horizontal_fov_deg=70, distortion=(-0.25, 0.08, 0.002, -0.001, 0.0))
+_PLAIN = {"size_px": [320, 200], "K": [[260.0, 0, 148.25], [0, 290.0, 111.75], [0, 0, 1]]}
+_BENT = {"size_px": [240, 180], "horizontal_fov_deg": 70, "distortion": [-0.25, 0.08, 0.002, -0.001, 0.0]}
+_SENSOR = {"rate_hz": 12.5, "noise_dn": 2.0, "offset_s": 0.5, "exposure_s": 0.004}
 
-SCENE = Scene(
-    duration_s=1.0,
+SCENE = scenes.scene(
     rate_hz=20,
     seed=3,
-    cameras=ListedCameras(
-        kind="list",
-        cameras=(
-            PlacedCamera(name="plain", position_m=(3.4, 0.6, 1.9), roll_deg=12, image=_PLAIN),
-            PlacedCamera(
-                name="bent",
-                position_m=(-1.8, -2.6, 1.4),
-                image=_BENT,
-                sensor=SensorSettings(rate_hz=12.5, noise_dn=2.0, offset_s=0.5, exposure_s=0.004),
-            ),
-            PlacedCamera(name="above", position_m=(0.2, 0.1, 3.4), look_at_m=(0.2, 0.1, 0.0), image=_PLAIN),
-        ),
+    cameras=scenes.listed(
+        {"name": "plain", "position_m": [3.4, 0.6, 1.9], "roll_deg": 12, "image": _PLAIN},
+        {"name": "bent", "position_m": [-1.8, -2.6, 1.4], "image": _BENT, "sensor": _SENSOR},
+        {"name": "above", "position_m": [0.2, 0.1, 3.4], "look_at_m": [0.2, 0.1, 0.0], "image": _PLAIN},
     ),
-    people=(PersonSettings(motion=WalkSettings(kind="walk", speed_mps=1.3, path=CirclePath(shape="circle", radius_m=1.2))),),
-    occluders=(BoxOccluder(kind="box", position_m=(0.9, -0.9, 0.3), size_m=(0.3, 0.4, 0.6), yaw_deg=25),),
-    props=(
-        ArucoCube(kind="aruco_cube", name="cube", path=WavedPath(kind="waved", extent_m=(0.5, 0.5, 0.3))),
-        CharucoBoard(
-            kind="charuco_board", name="board", path=StillPath(kind="still", position_m=(-1, 1, 1), roll_deg=80, yaw_deg=30)
-        ),
-        GroundTile(kind="ground_tile", name="tile"),
-    ),
-    room=RoomSettings(size_m=(8.0, 9.0)),
+    people=[{"motion": {"kind": "walk", "speed_mps": 1.3, "path": {"shape": "circle", "radius_m": 1.2}}}],
+    occluders=[{"kind": "box", "position_m": [0.9, -0.9, 0.3], "size_m": [0.3, 0.4, 0.6], "yaw_deg": 25}],
+    props=[
+        {"kind": "aruco_cube", "name": "cube", "path": {"kind": "waved", "extent_m": [0.5, 0.5, 0.3]}},
+        {"kind": "charuco_board", "name": "board", "path": scenes.still([-1, 1, 1], roll_deg=80, yaw_deg=30)},
+        {"kind": "ground_tile", "name": "tile"},
+    ],
+    room={"size_m": [8.0, 9.0]},
 )
 
 

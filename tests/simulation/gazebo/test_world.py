@@ -1,6 +1,5 @@
 """The world file: libsdformat and the schemas of SDF read from it what the scene says."""
 
-import dataclasses
 import os
 import subprocess
 import xml.etree.ElementTree as ElementTree
@@ -12,6 +11,7 @@ import pytest
 import yaml
 from calibrating import refined
 from checks import refusal
+from scipy.spatial.transform import Rotation
 
 from posefuse.core import SE3, Camera, ConfigError, InputError
 from posefuse.core.ideal_image import drawn_camera, optics_of
@@ -99,16 +99,11 @@ def test_a_pose_survives_roll_pitch_and_yaw(pitch_deg):
     # independent of our quaternions: the rotation that SDF defines
     rng = np.random.default_rng(5)
     roll, yaw = rng.uniform(-np.pi, np.pi, 2)
-    pose = SE3.from_matrix(_rotation(roll, np.deg2rad(pitch_deg), yaw), [1.0, -2.0, 0.5])
+    rotation = Rotation.from_euler("xyz", [roll, np.deg2rad(pitch_deg), yaw]).as_matrix()
+    pose = SE3.from_matrix(rotation, [1.0, -2.0, 0.5])
     numbers = np.array(pose_text(pose).split(), float)
     np.testing.assert_allclose(numbers[:3], pose.xyz)
-    np.testing.assert_allclose(_rotation(*numbers[3:]), pose.matrix(), atol=1e-7)
-
-
-def _rotation(roll, pitch, yaw):
-    (a, b), (c, d), (e, f) = ((np.cos(x), np.sin(x)) for x in (roll, pitch, yaw))
-    about_x, about_y = np.array([[1, 0, 0], [0, a, -b], [0, b, a]]), np.array([[c, 0, d], [0, 1, 0], [-d, 0, c]])
-    return np.array([[e, -f, 0], [f, e, 0], [0, 0, 1]]) @ about_y @ about_x
+    np.testing.assert_allclose(Rotation.from_euler("xyz", numbers[3:]).as_matrix(), pose.matrix(), atol=1e-7)
 
 
 def test_pixel_centres_lie_half_a_pixel_from_the_edge(written):
@@ -139,7 +134,7 @@ def test_pixel_centres_lie_half_a_pixel_from_the_edge(written):
 
 
 def test_a_gazebo_camera_looks_along_its_x(scene):
-    camera = dataclasses.replace(scene.cameras.cameras[0], roll_deg=0)
+    camera = replace(scene.cameras.cameras[0], roll_deg=0)
     forward, left, up = world_from_link(rig_from_cameras((camera,)).cameras[0]).matrix().T
     towards = np.array(camera.look_at_m) - camera.position_m
     np.testing.assert_allclose(forward, towards / np.linalg.norm(towards), atol=1e-12)
@@ -177,7 +172,7 @@ def test_the_bridge_brings_clock_images_and_camera_info(written):
 
 
 def test_fortress_has_names_of_its_own(scene, tmp_path, libsdformat):
-    scene = dataclasses.replace(scene, people=(), props=())
+    scene = replace(scene, people=(), props=())
     for release, prefix in (("fortress", "ignition"), ("harmonic", "gz"), ("jetty", "gz")):
         world = export_world(scene, tmp_path / release, release=release)
         text = (world.folder / "world.sdf").read_text()
@@ -188,18 +183,18 @@ def test_fortress_has_names_of_its_own(scene, tmp_path, libsdformat):
 
 def test_a_prop_called_floor_is_not_the_floor(scene, tmp_path):
     [tile] = [prop for prop in scene.props if isinstance(prop, GroundTile)]
-    scene = dataclasses.replace(scene, people=(), props=(dataclasses.replace(tile, name="floor"),))
+    scene = replace(scene, people=(), props=(replace(tile, name="floor"),))
     world = export_world(scene, tmp_path / "world").folder / "world.sdf"
     read = [mesh.text for mesh in ElementTree.parse(world).iter("uri") if mesh.text.endswith(".dae")]
     assert len(read) == len({*read}) > 1
 
 
 def test_what_cannot_be_is_refused_in_one_line(scene, tmp_path):
-    scene = dataclasses.replace(scene, people=(), props=())
+    scene = replace(scene, people=(), props=())
     with pytest.raises(ConfigError, match="no release 'classic'; there are: fortress, harmonic"):
         export_world(scene, tmp_path / "a", release="classic")
     with pytest.raises(ConfigError, match=r"duration_s: expected .* got 1200 s"):
-        export_world(dataclasses.replace(scene, duration_s=1200), tmp_path / "a")
+        export_world(replace(scene, duration_s=1200), tmp_path / "a")
     (tmp_path / "mine").mkdir()
     (tmp_path / "mine" / "notes.txt").write_text("precious")
     refusal(InputError, "mine", export_world, scene, tmp_path / "mine", replace_older=True)
