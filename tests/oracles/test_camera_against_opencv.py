@@ -3,8 +3,9 @@
 import cv2
 import numpy as np
 import pytest
+from built import camera
 
-from posefuse.core import SE3, Camera
+from posefuse.core import SE3
 
 K = np.array([[810.0, 0, 322.5], [0, 790.0, 236.25], [0, 0, 1]])
 COEFFICIENTS = {
@@ -18,10 +19,7 @@ COEFFICIENTS = {
 
 def points_in_view(count: int) -> np.ndarray:
     rng = np.random.default_rng(1)
-    depth = rng.uniform(1.5, 6, (count, 1))
-    return (
-        np.concatenate([rng.uniform(-0.4, 0.4, (count, 1)), rng.uniform(-0.3, 0.3, (count, 1)), np.ones((count, 1))], 1) * depth
-    )
+    return rng.uniform([-0.4, -0.3, 1], [0.4, 0.3, 1], (count, 3)) * rng.uniform(1.5, 6, (count, 1))
 
 
 @pytest.mark.parametrize("count", [0, 4, 5, 8, 12, 14])
@@ -29,31 +27,27 @@ def test_pinhole_projects_as_opencv(count: int) -> None:
     rvec, t, k = np.array([0.3, -0.2, 0.5]), np.array([0.1, -0.2, 0.3]), np.array(COEFFICIENTS.get(count, []))
     pose = SE3.from_rotvec(rvec, t)
     world = pose.inverse() @ points_in_view(200)
-    camera = Camera(name="a", size_wh=(640, 480), K=K, cam_from_world=pose, distortion=k)
     expected = cv2.projectPoints(world, rvec, t, K, k if count else None)[0][:, 0]
-    assert np.allclose(camera.project(world), expected, atol=1e-8)
+    assert np.allclose(camera(K, k, pose).project(world), expected, atol=1e-8)
 
 
 def test_fisheye_projects_as_opencv() -> None:
     k = np.array([0.05, -0.02, 0.004, -0.001])
     world = points_in_view(200) * [2.5, 2.5, 1]
-    camera = Camera(name="a", size_wh=(640, 480), K=K, cam_from_world=SE3.identity(), distortion=k, model="fisheye")
+    fish = camera(K, k, model="fisheye")
     expected = cv2.fisheye.projectPoints(world[:, None], np.zeros(3), np.zeros(3), K, k)[0][:, 0]
-    assert np.allclose(camera.project(world), expected, atol=1e-8)
-    assert np.allclose(camera.norm_from_px(expected), world[:, :2] / world[:, 2:], atol=1e-8)
+    assert np.allclose(fish.project(world), expected, atol=1e-8)
+    assert np.allclose(fish.norm_from_px(expected), world[:, :2] / world[:, 2:], atol=1e-8)
 
 
 @pytest.mark.parametrize("count", [0, 4, 5, 8, 12, 14])
 def test_undistorting_is_the_exact_inverse(count: int) -> None:
-    camera = Camera(
-        name="a", size_wh=(640, 480), K=K, cam_from_world=SE3.identity(), distortion=np.array(COEFFICIENTS.get(count, []))
-    )
+    lens = camera(K, COEFFICIENTS.get(count, []))
     grid = np.stack(np.meshgrid(np.linspace(0, 639, 17), np.linspace(0, 479, 13)), -1)
-    assert np.allclose(camera.px_from_norm(camera.norm_from_px(grid)), grid, atol=1e-7)
+    assert np.allclose(lens.px_from_norm(lens.norm_from_px(grid)), grid, atol=1e-7)
 
 
 def test_where_the_lens_cannot_be_inverted_is_nan_not_a_wrong_ray() -> None:
-    camera = Camera(name="a", size_wh=(640, 480), K=K, cam_from_world=SE3.identity(), distortion=np.array([-0.9, 0.0, 0.0, 0.0]))
-    ok, beyond = camera.norm_from_px(np.array([[330.0, 240.0], [3000.0, 240.0]]))
+    ok, beyond = camera(K, [-0.9, 0.0, 0.0, 0.0]).norm_from_px(np.array([[330.0, 240.0], [3000.0, 240.0]]))
     assert np.isfinite(ok).all()
     assert np.isnan(beyond).all()

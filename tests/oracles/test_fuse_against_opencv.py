@@ -1,8 +1,9 @@
 import cv2
 import numpy as np
 import pytest
+from built import camera
 
-from posefuse.core import SE3, Camera, Rig
+from posefuse.core import Rig
 from posefuse.fusion import triangulate
 from posefuse.fusion.kernels import lens
 from posefuse.fusion.kernels.packed import packed_rig
@@ -23,9 +24,7 @@ def test_two_clean_views_agree_with_triangulate_points(ring_rig, weights):
 
 @pytest.mark.parametrize("count", [0, 4, 5, 8, 12, 14])
 def test_the_compiled_lens_is_opencvs_and_its_inverse_exact(count):
-    packed = packed_rig(
-        Rig((Camera(name="a", size_wh=(640, 480), K=K, cam_from_world=SE3.identity(), distortion=np.array(BROWN[:count])),))
-    )[0]
+    packed = packed_rig(Rig((camera(K, BROWN[:count]),)))[0]
     xy = np.random.default_rng(1).uniform(-0.35, 0.35, (20, 2))
     expected, _ = cv2.projectPoints(np.column_stack([xy, np.ones(20)]), np.zeros(3), np.zeros(3), K, np.array(BROWN[:count]))
     for ideal, raw in zip(xy, expected[:, 0], strict=True):
@@ -37,15 +36,7 @@ def test_the_compiled_lens_is_opencvs_and_its_inverse_exact(count):
 
 
 def test_the_compiled_fisheye_is_opencvs_and_its_inverse_exact():
-    packed = packed_rig(
-        Rig(
-            (
-                Camera(
-                    name="a", size_wh=(640, 480), K=K, cam_from_world=SE3.identity(), distortion=np.array(FISH), model="fisheye"
-                ),
-            )
-        )
-    )[0]
+    packed = packed_rig(Rig((camera(K, FISH, model="fisheye"),)))[0]
     xy = np.random.default_rng(1).uniform(-2.0, 2.0, (20, 2))
     expected = cv2.fisheye.distortPoints(xy[None], K, np.array(FISH))[0]
     for ideal, raw in zip(xy, expected, strict=True):
@@ -56,11 +47,10 @@ def test_the_compiled_fisheye_is_opencvs_and_its_inverse_exact():
 @pytest.mark.parametrize("model", ["pinhole", "fisheye"])
 def test_the_compiled_lens_gives_up_where_the_camera_does(model):
     """Far outside the image there is no inverse: NaN in both, or the same ray."""
-    bent = np.array([-0.4, 0.0, 0.0, 0.0]) if model == "pinhole" else np.array([-0.3, 0.01, 0.0, 0.0])
-    camera = Camera(name="a", size_wh=(640, 480), K=K, cam_from_world=SE3.identity(), distortion=bent, model=model)
-    packed = packed_rig(Rig((camera,)))[0]
+    lens_of = camera(K, [-0.4, 0.0, 0.0, 0.0] if model == "pinhole" else [-0.3, 0.01, 0.0, 0.0], model=model)
+    packed = packed_rig(Rig((lens_of,)))[0]
     xy = np.random.default_rng(2).uniform(-1500, 2000, (200, 2))
-    expected = camera.norm_from_px(xy)
+    expected = lens_of.norm_from_px(xy)
     ideal = np.empty((1, 6, len(xy)))
     lens.straighten_group(packed[None], xy[None], ideal, np.empty(len(xy)))
     found = ideal[0, :2].T

@@ -8,6 +8,7 @@ import numpy as np
 
 from posefuse.core import (
     SE3,
+    Camera,
     DetectionBatch,
     Detections2D,
     Frame,
@@ -190,6 +191,12 @@ def joint_angles(angle_rad: np.ndarray, *, joints: Sequence[str], **others: Any)
     return JointAngles(angle_rad=angle_rad, joints=joints, **(stated | others))
 
 
+def camera(K: np.ndarray, distortion: Sequence[float] = (), pose: SE3 | None = None, **others: Any) -> Camera:
+    """Of 640 x 480 px, at the origin of the world unless its pose is given."""
+    stated = {"name": "a", "size_wh": (640, 480), "cam_from_world": pose or SE3.identity()}
+    return Camera(K=K, distortion=np.array(distortion), **(stated | others))
+
+
 def turned(rig: Rig, camera: int, rotvec_rad: Sequence[float] | np.ndarray) -> Rig:
     """The rig with one camera turned about its own centre, by a rotation vector in its own axes."""
     cameras = list(rig)
@@ -300,6 +307,16 @@ def white_jerk(dt: float, density: float) -> tuple[np.ndarray, np.ndarray]:
         [[dt**5 / 20, dt**4 / 8, dt**3 / 6], [dt**4 / 8, dt**3 / 3, dt**2 / 2], [dt**3 / 6, dt**2 / 2, dt]]
     )
     return step, np.linalg.cholesky(process)
+
+
+def of_white_jerk(count: int, people: int, dt: float, density: float, rng: np.random.Generator) -> np.ndarray:
+    """(T, N, 17, 3) motion that is exactly the smoother's model."""
+    step, process = white_jerk(dt, density)
+    state, xyz = np.zeros((3, people, 17, 3)), np.empty((count, people, 17, 3))
+    for i in range(count):
+        xyz[i] = state[0]
+        state = np.tensordot(step, state, 1) + np.tensordot(process, rng.normal(size=state.shape), 1)
+    return xyz
 
 
 def camera_state(camera: str, captured: int, used: int, **others: Any) -> "CameraState":

@@ -3,7 +3,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from built import arrays_of, poses, white_jerk
+from built import arrays_of, of_white_jerk, poses
 
 from posefuse.core import SKELETONS, Kind, PoseSequence
 from posefuse.core.skeleton import COCO17
@@ -27,14 +27,8 @@ def sequence(xyz: np.ndarray, cov: np.ndarray = NOISE, t_ns: np.ndarray | None =
 
 def wander(count: int, people: int = 1, seed: int = 0, noise: np.ndarray = NOISE) -> tuple[np.ndarray, np.ndarray]:
     """Truth that is exactly the smoother's model (white jerk), and its measurements (T, N, 17, 3)."""
-    rng = np.random.default_rng(seed)
-    dt = 1 / RATE_HZ
-    density = _jerk_density(np.arange(count) * dt, noise[None], 6.0)
-    step, process = white_jerk(dt, density)
-    state, truth = np.zeros((3, people, 17, 3)), np.empty((count, people, 17, 3))
-    for i in range(count):
-        truth[i] = state[0]
-        state = np.tensordot(step, state, 1) + np.tensordot(process, rng.normal(size=state.shape), 1)
+    rng, dt = np.random.default_rng(seed), 1 / RATE_HZ
+    truth = of_white_jerk(count, people, dt, _jerk_density(np.arange(count) * dt, noise[None], 6.0), rng)
     return truth, truth + rng.normal(size=truth.shape) @ np.linalg.cholesky(noise).T
 
 
