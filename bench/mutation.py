@@ -56,7 +56,6 @@ PACKAGES = {
             "tests/pipeline",
             "tests/ros/test_live_recording.py",
             "tests/cli/test_interruptions.py",
-            "tests/cli/test_limits.py",
             "tests/truth/test_recorded_pipeline.py",
         ),
     ),

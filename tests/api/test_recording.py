@@ -145,13 +145,6 @@ def test_one_without_settings_cannot_be_solved_again(make_recording: Make) -> No
     refusal(InputError, "provenance has no settings", lambda: make_recording().solve())
 
 
-def test_comparing_a_recording_with_itself_moved_finds_nothing(make_recording: Make, tmp_path: Path) -> None:
-    recording = make_recording()
-    recording.save(tmp_path / "result", formats=("trc",))
-    found = pf.compare(recording, tmp_path / "result" / "pose.trc")
-    assert found.errors.mpjpe_mm < 0.01
-
-
 def test_angles_are_tables_and_curves_of_their_own(make_recording: Make) -> None:
     angles = make_recording(people=(7, 3), times=5).joint_angles(fit="none")
     one = angles.of(3)

@@ -32,7 +32,7 @@ from paper.experiments.summary import write_summary
 from paper.experiments.tables import joint_rows
 from paper.scenes import paper
 from paper.scenes.scaling import STUDIES, Errors, Study
-from paper.scenes.scenes import CHECK_SEEDS, walking_scene
+from paper.scenes.scenes import CHECK_SEEDS, path_scene, walking_scene
 from posefuse.core import SourceError
 from posefuse.core.skeleton import PAPER14
 from posefuse.outputs.live.udp import UdpStream
@@ -167,7 +167,8 @@ def test_a_scene_is_rendered_once_and_finished_where_it_broke_off(tmp_path: Path
     (folder / "truth" / "truth.npz").unlink()
     runs.rendered("x", walking_scene(), context)
     assert made == [folder, folder]
-    assert runs.rendered("x", walking_scene(2), context) != folder
+    others = {runs.rendered("x", scene, context) for scene in (walking_scene(2), path_scene("circle"), path_scene("circle", 5.0))}
+    assert len(others - {folder}) == 3
 
 
 def test_joints_stand_next_to_the_papers(done: Run) -> None:

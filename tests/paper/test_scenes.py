@@ -136,13 +136,6 @@ def test_weights_are_compared_on_the_points_that_both_give() -> None:
     assert (errors.robust_found, errors.score_found) == (1.0, 0.75)
 
 
-def test_paths_are_as_long_and_as_fine_as_asked() -> None:
-    scene = path_scene("circle", 5.0, 30.0)
-    assert (scene.duration_s, scene.rate_hz) == (5.0, 30.0)
-    assert (path_scene("circle").duration_s, path_scene("circle").rate_hz) == (40.0, 15.0)
-    assert scene_name("x", scene) != scene_name("x", path_scene("circle"))
-
-
 @pytest.mark.slow
 @pytest.mark.gl
 @pytest.mark.parametrize(("case", "stated_mm"), [("free", 8.7), ("occluded", 12.9)])

@@ -164,3 +164,21 @@ def test_hands_and_face_reach_3d_and_every_file(project: Path, tmp_path: Path, r
 
     colours = dict(zip(whole.bones, bone_colours(whole), strict=True))
     assert colours["left_hand_root", "left_index1"] == LEFT.image_rgb and colours["right_ring2", "right_ring3"] == RIGHT.image_rgb
+
+
+@pytest.mark.parametrize(
+    ("frames", "words"),
+    [
+        ({"cam00": [1], "cam01": [20261122153000]}, "frame numbers 1 to 20261122153000: 2.026e+13 time steps"),
+        ({"cam00": range(40), "cam01": range(20)}, "warning: camera cam01: it stops at 0.63 s, the recording at 1.30 s"),
+    ],
+    ids=["numbered by date", "truncated"],
+)
+def test_what_the_numbers_of_openpose_files_show_is_named(
+    frames: dict, words: str, demo_session: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    for camera, numbers in frames.items():
+        write_openpose(tmp_path / "session" / "pose2d" / camera, dict.fromkeys(numbers, np.full((1, 17, 2), [300.0, 200.0])))
+    (tmp_path / "session" / "rig.toml").write_bytes((demo_session / "rig.toml").read_bytes())
+    main(["track", str(tmp_path / "session"), "--out", str(tmp_path / "out"), "--outputs", "", "--rate", "30"])
+    assert words in capsys.readouterr().err

@@ -11,7 +11,7 @@ from calibrating import refined
 from checks import refusal
 from scenes import PLAIN_ROOM, listed, scene, still
 
-from posefuse.core import SE3, DependencyError, Frame
+from posefuse.core import SE3, DependencyError, Frame, InputError
 from posefuse.core.skeleton import ANATOMICAL23, pick_keypoints
 from posefuse.detection.blazepose import BlazePoseConfig
 from posefuse_sim import build
@@ -148,6 +148,12 @@ def test_the_reason_is_what_the_process_met_and_no_advice_of_its_own(monkeypatch
         assert backends._why_not("egl") == "ModuleNotFoundError: No module named 'mujoco'"
     finally:
         backends._tried.cache_clear()
+
+
+def test_an_image_larger_than_the_framebuffer_is_refused(monkeypatch):
+    monkeypatch.setattr(backends, "_largest_side_px", lambda _: 4096)
+    backends.check_framebuffer("egl", 4096)
+    refusal(InputError, r"side of 5000 px .* expected at most 4096 px", backends.check_framebuffer, "egl", 5000)
 
 
 @pytest.mark.gl

@@ -1,12 +1,14 @@
 """The whole recorded pipeline through its one seam, the command line, against the truth of the bundled clip."""
 
+import json
 import shutil
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
-from commands import figures
+from commands import as_options, figures, oracle
+from videos import remuxed
 
 from posefuse.cli.main import main
 from posefuse.core import Kind, PoseSequence, Truth
@@ -89,3 +91,53 @@ def test_videos_of_another_size_are_an_error_with_both_sizes(broken_session: Pat
     assert code == 1
     assert "640x480" in said and "700x480" in said and "crop" in said
     assert not list(tmp_path.glob("result*"))
+
+
+# --- a video is damaged: tracked as far as it goes, and the camera is named
+
+
+CAMERA, OTHERS = "cam01", ("cam00", "cam02", "cam03")
+
+
+@pytest.fixture
+def session(demo_session: Path, tmp_path: Path) -> Path:
+    """The first second of the bundled clip, the index of every video at its start, as cameras for the web write it."""
+    folder = tmp_path / "session"
+    (folder / "videos").mkdir(parents=True)
+    shutil.copyfile(demo_session / "rig.toml", folder / "rig.toml")
+    for camera in (CAMERA, *OTHERS):
+        source, target = (place / "videos" / f"{camera}.mp4" for place in (demo_session, folder))
+        remuxed(source, target, frames=30, options={"movflags": "faststart"})
+    return folder
+
+
+def frames_start(video: bytes) -> int:
+    return video.index(b"mdat") + 4
+
+
+def cut(video: bytes) -> bytes:
+    """Copied to a disk that was full: the index lists every frame, the bytes of the later half are missing."""
+    return video[: (frames_start(video) + len(video)) // 2]
+
+
+def corrupt(video: bytes) -> bytes:
+    """A stretch of zeros where the disk lost blocks, from the middle to the end."""
+    middle = (frames_start(video) + len(video)) // 2
+    return video[:middle] + bytes(len(video) - middle)
+
+
+@pytest.mark.parametrize("damage", [cut, corrupt])
+def test_a_camera_with_a_damaged_video_is_named_with_its_missing_share(
+    session: Path, demo_session: Path, capsys: pytest.CaptureFixture[str], damage
+) -> None:
+    video = session / "videos" / f"{CAMERA}.mp4"
+    video.write_bytes(damage(video.read_bytes()))
+    words = ["track", str(session), "--out", str(session.with_name("result")), *as_options(oracle()), "--outputs", "", "--json"]
+    assert main(words) == 0
+    shown = capsys.readouterr()
+    figures, said = json.loads(shown.out), shown.err
+    [line] = [line for line in said.splitlines() if line.startswith("warning: ") and "cannot be read" in line]
+    assert line.startswith(f"warning: camera {CAMERA}: ") and "% of its frames cannot be read (" in line
+    assert "it stops at " in line
+    assert figures["time_steps"] == 30, "the other cameras are tracked to their end"
+    assert not any(f"camera {camera}" in said for camera in OTHERS)
