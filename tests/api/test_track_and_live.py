@@ -82,9 +82,7 @@ def test_poses_come_while_the_session_runs(demo_session: Path, models: None) -> 
 
 
 @pytest.mark.realtime
-def test_a_camera_that_cannot_be_opened_is_reported_at_the_start_and_nothing_is_left_behind(
-    demo_session: Path, models: None
-) -> None:
+def test_a_camera_that_cannot_be_opened_is_reported_at_the_start_and_nothing_is_left_behind(demo_session, models) -> None:
     rig = pf.read_rig(demo_session / "rig.toml")
     before = set(threading.enumerate())
     with (

@@ -60,9 +60,7 @@ def test_a_result_is_never_written_over(result: Path, capsys: pytest.CaptureFixt
     assert {path: path.read_bytes() for path in result.iterdir()} == before
 
 
-def test_a_live_session_gives_files_and_an_output_that_fails_is_named(
-    live: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_live_session_gives_files_and_an_output_that_fails_is_named(live, tmp_path, capsys) -> None:
     out = tmp_path / "files"
     assert main(["export", str(live), "--out", str(out), "--outputs", "trc,c3d", "--json"]) == 1
     printed = capsys.readouterr()
@@ -76,9 +74,7 @@ def test_a_live_session_gives_files_and_an_output_that_fails_is_named(
     assert (tmp_path / "python" / "pose.trc").read_bytes() == (out / "pose.trc").read_bytes()
 
 
-def test_an_export_of_which_nothing_can_be_written_leaves_no_folder(
-    live: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_an_export_of_which_nothing_can_be_written_leaves_no_folder(live, tmp_path, capsys) -> None:
     assert "evenly spaced" in error(capsys, "export", live, "--out", tmp_path / "files", "--outputs", "c3d")
     assert not (tmp_path / "files").exists()
     assert "no plug-in 'nothing'" in error(capsys, "export", live, "--out", tmp_path / "files", "--outputs", "trc,nothing")
@@ -119,9 +115,7 @@ def test_images_of_a_session_near_the_result_are_shown(study: Path, result: str,
     assert images_shown(study / result, None, monkeypatch)
 
 
-def test_a_session_elsewhere_is_named_or_missed(
-    study: Path, demo_session: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_session_elsewhere_is_named_or_missed(study, demo_session, tmp_path, monkeypatch, capsys) -> None:
     result = Path(shutil.copytree(study / "result", tmp_path / "alone"))
     monkeypatch.chdir(tmp_path)
     assert not images_shown(result, None, monkeypatch)
@@ -154,9 +148,7 @@ def test_a_stored_view_is_shown_as_it_is(study: Path, tmp_path: Path, monkeypatc
 
 
 @pytest.mark.parametrize("name", ["Käthe Müller [red] (a)", "a b's #1 走 100%"])
-def test_a_name_of_any_letters_works_in_every_command(
-    name: str, tmp_path: Path, ring_rig: Callable[..., Rig], capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_name_of_any_letters_works_in_every_command(name: str, tmp_path, ring_rig, capsys, monkeypatch) -> None:
     monkeypatch.setenv("COLUMNS", "400")
     study, rig = tmp_path / name, ring_rig(3)
     session = study / "P01" / name

@@ -119,9 +119,7 @@ def test_a_wrong_command_line_is_one_line_and_exit_1(words: str, line: str, caps
 
 
 @pytest.mark.parametrize("place", ["", *STEPS, *PLACES])
-def test_help_fits_80_columns_and_describes_every_option_that_is_shown(
-    place: str, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_help_fits_80_columns_and_describes_every_option_that_is_shown(place: str, capsys, monkeypatch) -> None:
     monkeypatch.setenv("COLUMNS", "80")
     assert main([*place.split(), "--help"]) == 0
     shown = capsys.readouterr().out
@@ -134,9 +132,7 @@ def test_help_fits_80_columns_and_describes_every_option_that_is_shown(
 
 
 @pytest.mark.parametrize("place", PLACES)
-def test_the_help_has_the_usual_options_and_help_all_every_one(
-    place: str, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_the_help_has_the_usual_options_and_help_all_every_one(place: str, capsys, monkeypatch) -> None:
     monkeypatch.setenv("COLUMNS", "200")
     options, usual = [one.names for one in arguments(place) if one.name[0] == "-"], {*USUAL[place].split()}
     assert usual <= {name for names in options for name in names}

@@ -1,6 +1,5 @@
 """Fits to people known exactly: laws are recovered, sets get what they can tell, and the command writes what it fitted."""
 
-from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -92,9 +91,7 @@ def scene(folder: Path, rig: Rig, turned_rad: float) -> None:
     write_rig(folder / "rig.toml", rig)
 
 
-def test_the_command_fits_a_card_on_scenes_that_are_there(
-    ring_rig: Callable[..., Rig], tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_the_command_fits_a_card_on_scenes_that_are_there(ring_rig, tmp_path, capsys) -> None:
     rig = ring_rig(4, size_wh=(720, 560))
     for place, turned_rad in (("everyday", 0.0), ("moving", 1.0)):
         scene(tmp_path / "scenes" / place / "scene00", rig, turned_rad)

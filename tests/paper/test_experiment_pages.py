@@ -133,9 +133,7 @@ def test_a_page_holds_every_part(name: str, on_the_clip: Path, tmp_path: Path, r
             assert re.fullmatch(r"\d+\.\d ± \d+\.\d", rows[joint.replace("_", " ")])
 
 
-def test_settings_that_cannot_be_are_refused_before_anything_is_rendered(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_settings_that_cannot_be_are_refused_before_anything_is_rendered(tmp_path, monkeypatch, capsys) -> None:
     monkeypatch.setattr(runs, "simulate", lambda *_: pytest.fail("rendered"))
     for override, complaint in (("detector.name=openpos", "openpos"), ("detector.options.landmark=x", "landmark"),
                                 ("detector.options.landmarks=huge", "huge"),

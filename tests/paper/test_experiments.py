@@ -1,7 +1,6 @@
 """Experiments and comparisons as a user runs them."""
 
 import json
-from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -36,9 +35,7 @@ def trc(tmp_path: Path) -> Path:
     return tmp_path / "a.trc"
 
 
-def test_a_file_compared_with_its_delayed_copy_of_another_kind(
-    trc: Path, capsys: pytest.CaptureFixture[str], read_page: Callable
-) -> None:
+def test_a_file_compared_with_its_delayed_copy_of_another_kind(trc: Path, capsys, read_page) -> None:
     a = read_tracks(trc)
     assert "neck" in a.points and "mid_hip" not in a.points
     csv = trc.with_name("b.csv")
@@ -55,9 +52,7 @@ def test_a_file_compared_with_its_delayed_copy_of_another_kind(
     np.testing.assert_allclose(one["y"][1:-1], other["y"][1:-1], atol=0.005)
 
 
-def test_a_result_is_the_same_as_each_of_its_files(
-    demo_session: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_result_is_the_same_as_each_of_its_files(demo_session, tmp_path, capsys) -> None:
     result = tracked(demo_session, tmp_path / "result", "trc,c3d,csv", 1.0)
     for kind in ("trc", "c3d", "csv"):
         [file] = result.glob(f"*.{kind}")

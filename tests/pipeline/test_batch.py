@@ -95,9 +95,7 @@ def test_a_failure_is_named_and_the_rest_is_finished(folder: Path, here: list[st
     assert "broken" in (tmp_path / "out" / "study.html").read_text(encoding="utf-8")
 
 
-def test_the_command_shows_the_reason_of_a_failure_once(
-    folder: Path, here: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_the_command_shows_the_reason_of_a_failure_once(folder, here, tmp_path, capsys) -> None:
     shown = error(capsys, "batch", folder, "--out", tmp_path / "out", "--outputs", "trc", "--no-report", *as_options(SETTINGS))
     assert shown.count("P02/broken: failed: ") == 1 and "1 of 4 trials failed; the reasons are above and in" in shown
 
@@ -112,9 +110,7 @@ def test_complete_trials_are_kept_and_others_tried_again(folder: Path, here: lis
     assert {path: path.stat().st_mtime_ns for path in (tmp_path / "out" / "P01").rglob("*")} == before
 
 
-def test_an_interrupted_trial_continues_from_its_detections(
-    folder: Path, here: list[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_an_interrupted_trial_continues_from_its_detections(folder, here, tmp_path, monkeypatch) -> None:
     task = first_task(folder, tmp_path / "out")
     with monkeypatch.context() as broken:
         broken.setattr("posefuse.pipeline.track.write_result", interrupt)

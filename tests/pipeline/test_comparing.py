@@ -85,9 +85,7 @@ def test_the_error_is_found_by_simulation_time(tmp_path: Path, world: Path, ring
 
 
 @pytest.mark.parametrize("live_first", [False, True])
-def test_a_recording_without_people_is_one_line(
-    tmp_path: Path, world: Path, ring_rig: Callable[..., Rig], capsys: pytest.CaptureFixture, live_first: bool
-) -> None:
+def test_a_recording_without_people_is_one_line(tmp_path, world, ring_rig, capsys, live_first: bool) -> None:
     output = RecordConfig(path=tmp_path / "a.mcap").build()
     rig = ring_rig(3)
     output.take(LiveStart(t_ns=BEGIN_NS, rig=rig, rate_hz=100.0, clock_offset_ns=0, notes=notes_of(rig, LiveConfig()), part=1))

@@ -207,9 +207,7 @@ def test_edits_of_a_live_session_lie_next_to_it(tmp_path: Path) -> None:
     assert read_edits(live) == Edits(person=3)
 
 
-def test_from_the_shell_marks_and_options_are_used_together(
-    recording: Recording, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_from_the_shell_marks_and_options_are_used_together(recording, tmp_path, capsys) -> None:
     result, out = saved(recording, tmp_path / "result"), tmp_path / "edited"
     write_edits(result, Edits(exclusions=(BLOCKED,)))
     line = ["solve", str(result), "--exclude", "cam04:0.7-1.2", "--keep-person", "1", "--outputs", "csv", "--out", str(out)]

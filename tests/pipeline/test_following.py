@@ -418,9 +418,7 @@ def test_the_detector_is_let_go_before_the_solve(ring_rig: Callable[..., Rig], t
 
 
 @pytest.mark.parametrize("missing", [False, True])
-def test_few_frames_before_the_first_missing_one_are_decoded(
-    ring_rig: Callable[..., Rig], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, missing: bool
-) -> None:
+def test_few_frames_before_the_first_missing_one_are_decoded(ring_rig, tmp_path, monkeypatch, missing: bool) -> None:
     rig, decoded, real = ring_rig(2), [0], VideoSource._decoded_frames
 
     def counting(*arguments: Any) -> Iterator[Any]:

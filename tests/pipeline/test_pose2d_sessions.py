@@ -174,9 +174,7 @@ def test_hands_and_face_reach_3d_and_every_file(project: Path, tmp_path: Path, r
     ],
     ids=["numbered by date", "truncated"],
 )
-def test_what_the_numbers_of_openpose_files_show_is_named(
-    frames: dict, words: str, demo_session: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_what_the_numbers_of_openpose_files_show_is_named(frames: dict, words: str, demo_session, tmp_path, capsys) -> None:
     for camera, numbers in frames.items():
         write_openpose(tmp_path / "session" / "pose2d" / camera, dict.fromkeys(numbers, np.full((1, 17, 2), [300.0, 200.0])))
     (tmp_path / "session" / "rig.toml").write_bytes((demo_session / "rig.toml").read_bytes())

@@ -181,9 +181,7 @@ def test_ankles_that_cross_between_two_frames_do_not_exchange_the_legs(ring_rig)
     assert np.allclose(views.xy_img[..., hips, :], views_of(seen).xy_img[..., hips, :], atol=1e-3, equal_nan=True)
 
 
-def test_limbs_that_all_cameras_exchange_until_out_of_sight_are_named_by_where_feet_and_nose_point(
-    ring_rig,
-) -> None:
+def test_limbs_that_all_cameras_exchange_until_out_of_sight_are_named_by_where_feet_and_nose_point(ring_rig) -> None:
     rig = ring_rig(4)
     xyz = standing(skeleton=BLAZEPOSE33)
     xy = np.tile(np.stack([camera.project(xyz) for camera in rig]), (T, 1, 1, 1, 1))

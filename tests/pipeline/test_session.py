@@ -116,9 +116,7 @@ def detections_of(found: dict[str, int], depth: bool) -> Observations:
 
 
 @pytest.mark.parametrize(("depth", "seeing", "enough"), [(False, 2, True), (False, 1, False), (True, 1, True), (True, 0, False)])
-def test_a_person_in_too_few_cameras_is_refused_with_their_number(
-    depth: bool, seeing: int, enough: bool, recwarn: pytest.WarningsRecorder
-) -> None:
+def test_a_person_in_too_few_cameras_is_refused_with_their_number(depth: bool, seeing: int, enough: bool, recwarn) -> None:
     found = {f"cam{c}": int(c < seeing) for c in range(3)}
     if enough:
         _check_people(detections_of(found, depth))

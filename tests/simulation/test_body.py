@@ -137,9 +137,7 @@ def test_truth_gives_back_an_imposed_rotation(body: SimulatedBody, joint: str) -
         ("neck", 2, "nose", [0, 1, 0]), ("right_elbow", 0, "right_wrist", [1, 0, 0]),
     ],
 )  # fmt: skip
-def test_positive_angles_mean_what_they_are_called(
-    body: SimulatedBody, joint: str, angle: int, moves: str, towards: list[int]
-) -> None:
+def test_positive_angles_mean_what_they_are_called(body, joint: str, angle: int, moves: str, towards: list[int]) -> None:
     def point(value: float) -> np.ndarray:
         axes = {"pelvis": np.array([[1.0, 0, 0], [0, 0, -1.0], [0, 1.0, 0]])}
         for j in JOINTS:

@@ -176,9 +176,7 @@ MARKERS = {
 
 
 @pytest.mark.parametrize("style", MARKERS)
-def test_trc_moves_the_body_as_recorded(
-    tmp_path: Path, body: SimulatedBody, squat: tuple[np.ndarray, np.ndarray], style: str
-) -> None:
+def test_trc_moves_the_body_as_recorded(tmp_path, body, squat, style: str) -> None:
     times, points = squat
     names = [MARKERS[style][n] for n in KEYPOINTS.keypoints]
     if style == "openpose":
@@ -191,9 +189,7 @@ def test_trc_moves_the_body_as_recorded(
     assert np.median(error) < 25e-3
 
 
-def test_trc_gaps_are_closed_and_missing_markers_named(
-    tmp_path: Path, body: SimulatedBody, squat: tuple[np.ndarray, np.ndarray]
-) -> None:
+def test_trc_gaps_are_closed_and_missing_markers_named(tmp_path, body, squat) -> None:
     times, points = squat
     holes = points.copy()
     holes[20:24, KEYPOINTS.index("left_knee")] = np.nan

@@ -127,9 +127,7 @@ def corrupt(video: bytes) -> bytes:
 
 
 @pytest.mark.parametrize("damage", [cut, corrupt])
-def test_a_camera_with_a_damaged_video_is_named_with_its_missing_share(
-    session: Path, demo_session: Path, capsys: pytest.CaptureFixture[str], damage
-) -> None:
+def test_a_camera_with_a_damaged_video_is_named_with_its_missing_share(session, demo_session, capsys, damage) -> None:
     video = session / "videos" / f"{CAMERA}.mp4"
     video.write_bytes(damage(video.read_bytes()))
     words = ["track", str(session), "--out", str(session.with_name("result")), *as_options(oracle()), "--outputs", "", "--json"]
