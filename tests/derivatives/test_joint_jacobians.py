@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from figure import BENT, sequence_of
 
 from posefuse.core import SKELETONS
 from posefuse.kinematics import JOINT_NAMES, JointSettings
@@ -14,22 +15,9 @@ STEP_M = 1e-6
 
 @pytest.fixture(scope="module")
 def keypoints():
-    """A person crouching askew, every limb bent, every coordinate different."""
-    rng = np.random.default_rng(11)
-    xyz = rng.normal(size=(len(SKELETON), 3)) * 0.02
-    place = {
-        "left_hip": (0, 0.13, 0.9), "right_hip": (0.03, -0.12, 0.92), "left_shoulder": (0.1, 0.2, 1.4),
-        "right_shoulder": (0.2, -0.17, 1.42), "left_elbow": (0.2, 0.35, 1.2), "right_elbow": (0.3, -0.33, 1.25),
-        "left_wrist": (0.4, 0.3, 1.3), "right_wrist": (0.5, -0.3, 1.4), "left_index": (0.47, 0.29, 1.34),
-        "left_pinky": (0.46, 0.33, 1.28), "right_index": (0.56, -0.3, 1.47), "right_pinky": (0.58, -0.34, 1.4),
-        "left_knee": (0.3, 0.2, 0.6), "right_knee": (0.35, -0.1, 0.65), "left_ankle": (0.1, 0.2, 0.25),
-        "right_ankle": (0.1, -0.15, 0.3), "left_heel": (0.03, 0.2, 0.22), "right_heel": (0.04, -0.16, 0.25),
-        "left_foot_index": (0.26, 0.25, 0.2), "right_foot_index": (0.24, -0.2, 0.22), "nose": (0.3, 0.05, 1.6),
-        "left_ear": (0.2, 0.1, 1.63), "right_ear": (0.22, -0.05, 1.65),
-    }  # fmt: skip
-    for name, point in place.items():
-        xyz[SKELETON.index(name)] += point
-    return xyz
+    """A person askew, every limb bent, every coordinate different."""
+    bent = sequence_of([BENT]).xyz_world[0, 0]
+    return bent + np.random.default_rng(11).normal(size=bent.shape) * 0.02
 
 
 def solved(xyz):

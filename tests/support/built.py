@@ -47,9 +47,9 @@ _STRAIGHT = {
 }  # fmt: skip
 
 
-def standing(x: float = 0.0, y: float = 0.0, size: float = 1.0, skeleton: Skeleton = COCO17) -> np.ndarray:
-    """(K, 3) a person of 1.75 m times `size` standing at (x, y)."""
-    return of_sides(skeleton, _LEFT, nose=(0.12, 0.0, 1.62)) * size + [x, y, 0]
+def standing(x: float = 0.0, y: float = 0.0, size: float = 1.0, skeleton: Skeleton = COCO17, **others: Point) -> np.ndarray:
+    """(K, 3) a person of 1.75 m times `size` standing at (x, y); `others`: keypoints that lie between left and right."""
+    return of_sides(skeleton, _LEFT, nose=(0.12, 0.0, 1.62), **others) * size + [x, y, 0]
 
 
 def straight(skeleton: Skeleton = COCO17, **left: Point) -> np.ndarray:
