@@ -70,9 +70,8 @@ def test_two_who_touched_are_distinguished_after_they_part(exchanged: bool) -> N
     expected = [1, 0] if exchanged else [0, 1]
     assert [room.state.person_of(track) for track in (0, 1)] == expected
     assert [person_at(room.state.names, track, parted_ns) for track in (0, 1)] == expected
-    assert [person_at(room.state.names, track, 30 * PERIOD_NS) for track in (0, 1)] == [0, 1], (
-        "before they touched nothing changes"
-    )
+    before = [person_at(room.state.names, track, 30 * PERIOD_NS) for track in (0, 1)]
+    assert before == [0, 1], "before they touched nothing changes"
 
 
 def test_two_of_one_size_keep_their_names_as_nothing_speaks_against_it() -> None:

@@ -164,10 +164,7 @@ def test_followed_by_a_single_camera(ring_rig, body):
     rig = ring_rig(3)
     people = crowd(body, "here")
     reports, order = detections(rig, people)
-    reports[0], reports[2] = (
-        without(reports[0], 0),
-        without(reports[2], 0),
-    )
+    reports[0], reports[2] = without(reports[0], 0), without(reports[2], 0)
     assert associate(reports, rig, AssociateSettings()).person_id.tolist() == []
     views = associate(reports, rig, AssociateSettings(), built.pose(people, [0]))
     assert_is(views, 0, reports, order, 0, [1])

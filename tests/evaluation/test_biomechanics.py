@@ -116,13 +116,10 @@ def test_one_time_step_has_angles_and_no_animation(recording, tmp_path):
 
 
 def test_a_person_without_skeleton_files_is_named_with_the_reason(recording, tmp_path):
-    xyz = recording.poses.xyz_world.copy()
-    xyz[3:21] = np.nan
     said = []
-    gone = dataclasses.replace(recording, poses=dataclasses.replace(recording.poses, xyz_world=xyz))
-    made = write_biomechanics(
-        gone, tmp_path, BiomechanicsSettings(fit="none"), progress=lambda stage, done, total, line="": said.append(line)
-    )
+    away = built.unseen(recording.poses, *recording.poses.skeleton.keypoints, steps=slice(3, 21))
+    gone, chosen = dataclasses.replace(recording, poses=away), BiomechanicsSettings(fit="none")
+    made = write_biomechanics(gone, tmp_path, chosen, progress=lambda stage, done, total, line="": said.append(line))
     assert not [path for path in made if path.suffix in (".bvh", ".glb")]
     assert any("no skeleton.bvh and .glb: segment pelvis is missing from 0.07 to 0.70 s" in line for line in said)
 
@@ -187,9 +184,7 @@ def test_flexion_agrees_with_a_gait_laboratory(shared_data):
 def test_a_file_without_the_points_is_refused_with_a_list_of_its_points(tmp_path):
     from posefuse.formats.c3d import C3dData, write_c3d
 
-    write_c3d(
-        tmp_path / "a.c3d",
-        C3dData(names=("RKNE", "LKNE"), xyz_world=np.zeros((4, 2, 3)), sigma_m=np.zeros((4, 2)), rate_hz=100.0),
-    )
+    data = C3dData(names=("RKNE", "LKNE"), xyz_world=np.zeros((4, 2, 3)), sigma_m=np.zeros((4, 2)), rate_hz=100.0)
+    write_c3d(tmp_path / "a.c3d", data)
     refusal(InputError, r"no point PELP; there are: RKNE, LKNE", poses_from_lab, tmp_path / "a.c3d")
     refusal(InputError, "no angles LHipAngles", joints_from_lab, tmp_path / "a.c3d")

@@ -43,9 +43,8 @@ def test_a_noise_model_is_right_about_scenes_it_was_not_fitted_to(tmp_path):
     path = tmp_path / "x.noise.toml"
     path.write_text(noise_text(fit.noise))
     again = read_noise(path)
-    assert again.weights == pytest.approx(fit.noise.weights, abs=1e-4) and again.offset == pytest.approx(
-        fit.noise.offset, abs=1e-4
-    )
+    assert again.weights == pytest.approx(fit.noise.weights, abs=1e-4)
+    assert again.offset == pytest.approx(fit.noise.offset, abs=1e-4)
 
 
 def test_a_keypoint_that_is_missing_now_and_then_is_fitted_from_the_others():

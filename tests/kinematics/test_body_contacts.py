@@ -96,8 +96,7 @@ def test_ankles_are_closer_and_what_they_say_holds(walker, fits) -> None:
 def test_a_skeleton_without_feet_stands_nowhere(poses) -> None:
     body = bodies_from_poses(poses)[0]
     legs = [k for k in range(len(ANATOMICAL23)) if ANATOMICAL23.keypoints[k] not in SOLES]
-    contacts = contacts_of(
-        poses.t_ns, poses.xyz_world[:, 0][:, legs], poses.cov_world[:, 0][:, legs], body.skeleton, np.array(legs)
-    )
+    xyz, cov = (plane[:, 0][:, legs] for plane in (poses.xyz_world, poses.cov_world))
+    contacts = contacts_of(poses.t_ns, xyz, cov, body.skeleton, np.array(legs))
     toes = [row for row, k in enumerate(legs) if "toe" not in ANATOMICAL23.keypoints[k]]
     assert np.isnan(contacts.xyz[:, toes]).all()

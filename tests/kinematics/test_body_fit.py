@@ -206,10 +206,8 @@ def test_a_recording_may_begin_with_straight_arms_held_up(posed, flexion):
     work = FrameBuffers(sequence.skeleton, JointSettings())
     packed = packed_from_body(body, BodySettings())
     q, rot = guessed_state(body, packed, work, sequence.xyz_world[0, 0, body.keypoint])
-    frame, origin = np.empty((len(body.nodes), 3, 3)), np.empty((len(body.nodes), 3))
-    tree_kernels.forward_kinematics(
-        packed.tree.parent, packed.tree.kind, packed.tree.axis, packed.tree.offset, q, rot, frame, origin
-    )
+    frame, origin, tree = np.empty((len(body.nodes), 3, 3)), np.empty((len(body.nodes), 3)), packed.tree
+    tree_kernels.forward_kinematics(tree.parent, tree.kind, tree.axis, tree.offset, q, rot, frame, origin)
     for side in ("left", "right"):
         elbow = sequence.xyz_world[0, 0, sequence.skeleton.index(f"{side}_elbow")]
         assert np.linalg.norm(origin[body.node(f"{side}_carrying")] - elbow) < 0.02
@@ -305,11 +303,9 @@ def random_motion(rng: np.random.Generator, steps: int, rate_hz: float) -> list[
     }  # fmt: skip
     t_s = np.arange(steps)[:, None, None] / rate_hz
     waves = np.sin(2 * np.pi * rng.uniform(0.05, 0.8, (1, len(limits), 3)) * t_s + rng.uniform(0, 6.28, (1, len(limits), 3)))
-    bent = {name: 50.0 for name in limits if name.endswith(("knee", "elbow"))}
-    return [
-        {name: tuple(one * limit + [bent.get(name, 0.0), 0, 0]) for (name, limit), one in zip(limits.items(), wave, strict=True)}
-        for wave in waves
-    ]
+    bent = [[50.0 * name.endswith(("knee", "elbow")), 0, 0] for name in limits]
+    angles = waves * np.array(list(limits.values())) + bent
+    return [dict(zip(limits, map(tuple, one), strict=True)) for one in angles]
 
 
 @pytest.mark.parametrize("by_rays", [False, True])
@@ -381,9 +377,8 @@ def test_derivatives_by_lengths_equal_finite_differences(squatter) -> None:
     def places(offset: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         frame, origin = np.empty_like(state[1]), np.empty((len(body.nodes), 3))
         tree_kernels.forward_kinematics(packed.tree.parent, packed.tree.kind, packed.tree.axis, offset, *state, frame, origin)
-        return np.stack(
-            [tree_kernels.place(frame, origin, n, x) for n, x in zip(packed.tree.node, packed.tree.local, strict=True)]
-        ), frame
+        points = [tree_kernels.place(frame, origin, n, x) for n, x in zip(packed.tree.node, packed.tree.local, strict=True)]
+        return np.stack(points), frame
 
     slopes = slopes_of(body, NAMES)
     derived = length_derivatives(packed, slopes, places(packed.tree.offset)[1])

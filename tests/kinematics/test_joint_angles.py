@@ -65,9 +65,8 @@ def test_shoulder_sequence_agrees_with_scipy(posed):
 def test_moving_the_world_changes_only_the_pelvis(posed, turned_deg):
     sequence = posed([BENT])
     turn = Rotation.from_euler("xyz", turned_deg, degrees=True).as_matrix()
-    moved = replace(
-        sequence, xyz_world=sequence.xyz_world @ turn.T + [3.0, -2.0, 1.0], cov_world=turn @ sequence.cov_world @ turn.T
-    )
+    xyz = sequence.xyz_world @ turn.T + [3.0, -2.0, 1.0]
+    moved = replace(sequence, xyz_world=xyz, cov_world=turn @ sequence.cov_world @ turn.T)
     before, after = joints_from_poses(sequence), joints_from_poses(moved)
     np.testing.assert_allclose(after.angle_rad[:, :, 1:], before.angle_rad[:, :, 1:], atol=1e-9)
     np.testing.assert_allclose(after.sigma_rad[:, :, 1:], before.sigma_rad[:, :, 1:], rtol=1e-6)

@@ -87,9 +87,8 @@ def test_lengths_lie_between_those_seen_and_those_of_people(ring_rig, standing) 
     body = body_with()
     followed(body, ring_rig, standing, 0.8)
     for name, true_m in zip(SEGMENT_ENDS, TRUE_M, strict=True):
-        learnt = body.learnt.body.lengths[
-            {"hips": "pelvis"}.get(name, name if name in ("shoulders", "trunk") else f"left_{name}")
-        ]
+        of_body = {"hips": "pelvis", "shoulders": "shoulders", "trunk": "trunk"}.get(name, f"left_{name}")
+        learnt = body.learnt.body.lengths[of_body]
         assert true_m < learnt.value_m < 1.05 * true_m, name
         assert 0 < learnt.sigma_m < 0.01 and learnt.spread_m < 0.001
 

@@ -64,9 +64,8 @@ def test_the_mirror_image_gives_the_mirror_pose(scene, weights):
     reflected = xy.copy()
     reflected[..., 0] = rig.cameras[0].size_wh[0] - 1 - reflected[..., 0]
     swap = COCO.mirror
-    there = triangulate(
-        Rig(tuple(mirrored(c) for c in rig)), reflected[..., swap, :], score[..., swap], sigma[..., swap], weights, skeleton=COCO
-    )
+    seen = reflected[..., swap, :], score[..., swap], sigma[..., swap]
+    there = triangulate(Rig(tuple(map(mirrored, rig))), *seen, weights, skeleton=COCO)
     np.testing.assert_allclose(there.xyz[:, swap], here.xyz * [-1, 1, 1], atol=1e-6)
 
 

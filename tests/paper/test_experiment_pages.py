@@ -83,11 +83,7 @@ def on_the_clip(demo_session: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     monkeypatch.setattr(runs, "rendered", lambda *_: demo_session)
     monkeypatch.setattr(latency, "rendered", lambda *_: demo_session)
     monkeypatch.setattr(latency, "live_times", lambda *_: some_times())
-    monkeypatch.setattr(
-        scaling,
-        "run_study",
-        lambda name, *_: Study(*STUDIES[name][:2], (0.0, 1.0), (MADE_UP, MADE_UP)),
-    )
+    monkeypatch.setattr(scaling, "run_study", lambda name, *_: Study(*STUDIES[name][:2], (0.0, 1.0), (MADE_UP, MADE_UP)))
     return demo_session
 
 

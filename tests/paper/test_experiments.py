@@ -62,10 +62,8 @@ def test_a_result_is_the_same_as_each_of_its_files(demo_session, tmp_path, capsy
 
 def test_mvnx_segments_become_joints(tmp_path: Path) -> None:
     labels = ("Pelvis", "RightUpperLeg", "RightLowerLeg", "T8")
-    frames = "".join(
-        f'<frame time="{i * 10}" type="normal"><position>{" ".join(str(i + j) for j in range(12))}</position></frame>'
-        for i in range(3)
-    )
+    places = [" ".join(str(i + j) for j in range(12)) for i in range(3)]
+    frames = "".join(f'<frame time="{10 * i}" type="normal"><position>{one}</position></frame>' for i, one in enumerate(places))
     segments = "".join(f'<segment label="{label}" id="{i + 1}"/>' for i, label in enumerate(labels))
     path = tmp_path / "suit.mvnx"
     identity = '<frame type="identity"><position>0</position></frame>'

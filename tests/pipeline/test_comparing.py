@@ -123,9 +123,8 @@ def to_and_fro(rig: Rig, start_s: float, rate_hz: float, off_m: np.ndarray) -> R
     steps = 0.15 * np.sin(4 * phase)[:, None] * np.where(np.arange(K) % 2, 1, -1)
     c, s = np.cos(turned)[:, None], np.sin(turned)[:, None]
     local = np.stack([0.05 * REST[:, 0] + steps, np.broadcast_to(0.3 * REST[:, 1], (len(t_s), K))], axis=-1)
-    xy = np.stack(
-        [c * local[..., 0] - s * local[..., 1] + np.sin(phase)[:, None], s * local[..., 0] + c * local[..., 1]], axis=-1
-    )
+    x, y = local[..., 0], local[..., 1]
+    xy = np.stack([c * x - s * y + np.sin(phase)[:, None], s * x + c * y], axis=-1)
     xyz = np.concatenate([xy, np.broadcast_to(REST[:, 2:], (len(t_s), K, 1))], axis=-1) + off_m
     t_ns = np.round((t_s - start_s) * 1e9).astype(np.int64)
     poses = built.poses(xyz[:, None], skeleton=ANATOMICAL23, t_ns=t_ns)

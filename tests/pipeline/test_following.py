@@ -9,12 +9,12 @@ from typing import Any
 
 import numpy as np
 import pytest
-from built import detections, standing
+from built import detections, standing, turned
 from checks import refusal
 from videos import write_video
 
 from posefuse.association import AssociateSettings, with_persons
-from posefuse.core import SE3, DetectionBatch, Detections2D, LookKind, Observations, Pose3D, Rig, SourceError
+from posefuse.core import DetectionBatch, Detections2D, LookKind, Observations, Pose3D, Rig, SourceError
 from posefuse.core.skeleton import COCO17
 from posefuse.core.values import keypoint_boxes
 from posefuse.fusion import FuseSettings
@@ -237,13 +237,10 @@ def test_a_newcomer_of_two_views_is_dropped_when_three_others_see_no_person_ther
     ring_rig, cameras: int, outside: int, count: int
 ) -> None:
     """`outside`: of the other cameras, how many do not have the place in their image."""
-    turned = SE3(np.array([0.0, 0.0, 1.0, 0.0]), np.zeros(3))
     rig = ring_rig(cameras)
-    views = [
-        dataclasses.replace(one, cam_from_world=turned @ one.cam_from_world) if c >= cameras - outside else one
-        for c, one in enumerate(rig)
-    ]
-    stage = Reflection(dataclasses.replace(rig, cameras=tuple(views)), {0: range(3)}, count=3)
+    for c in range(cameras - outside, cameras):
+        rig = turned(rig, c, [0.0, np.pi, 0.0])
+    stage = Reflection(rig, {0: range(3)}, count=3)
     stage.people[0] = standing()
     assert [len(one.pose.person_id) for one in followed(stage)] == [count] * 3
 

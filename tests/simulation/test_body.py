@@ -67,9 +67,8 @@ def test_joint_centre_is_fixed_in_both_segments(body: SimulatedBody, joint: str,
     point = body.keypoints(moved)[:, KEYPOINTS.index(f"{side}_{joint}")]
     for bone in HINGES[joint]:
         name = bone if bone in body.bone_names else f"{bone}.{letter}"
-        local = np.einsum(
-            "tij,tj->ti", np.linalg.inv(moved[:, body.bone(name)])[:, :3, :3], point - moved[:, body.bone(name), :3, 3]
-        )
+        at = moved[:, body.bone(name)]
+        local = np.einsum("tij,tj->ti", np.linalg.inv(at)[:, :3, :3], point - at[:, :3, 3])
         assert np.abs(local - body.points_rest[f"{side}_{joint}"]).max() < 1e-9
 
 

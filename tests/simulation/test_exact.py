@@ -32,9 +32,8 @@ def _triangulated(rig: Rig, xy_img: np.ndarray) -> np.ndarray:
     poses = np.stack([camera.cam_from_world.matrix4()[:3] for camera in rig])
     rows = norm[..., None] * poses[:, None, None, None, 2] - poses[:, None, None, :2]
     a = np.moveaxis(rows, 0, 2).reshape(*norm.shape[1:3], -1, 4)
-    return np.stack([np.linalg.lstsq(m[:, :3], -m[:, 3], rcond=None)[0] for m in a.reshape(-1, *a.shape[2:])]).reshape(
-        *norm.shape[1:3], 3
-    )
+    flat = [np.linalg.lstsq(m[:, :3], -m[:, 3], rcond=None)[0] for m in a.reshape(-1, *a.shape[2:])]
+    return np.reshape(flat, (*norm.shape[1:3], 3))
 
 
 def test_exact_pixels_triangulate_to_the_exact_points():

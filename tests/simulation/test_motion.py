@@ -381,10 +381,8 @@ def test_a_hand_follows_its_path_wherever_the_person_stands(body: SimulatedBody,
     mirror = np.array([1.0, 1.0 if side == "right" else -1.0, 1.0])
     rows = np.array(PATH) * [1, *mirror]
     t_s = np.linspace(0.0, 4.0, 33)
-    here, there = (
-        person(body, kind="hand_path", side=side, path=rows.tolist(), **place).at(t_s)
-        for place in ({}, {"position_m": (2.0, -1.0), "heading_deg": 90.0})
-    )
+    hand = {"kind": "hand_path", "side": side, "path": rows.tolist()}
+    here, there = (person(body, **hand, **one).at(t_s) for one in ({}, {"position_m": (2.0, -1.0), "heading_deg": 90.0}))
     wrist = point(here, f"{side}_wrist")
     at = np.searchsorted(t_s, rows[:, 0])
     assert np.allclose(t_s[at], rows[:, 0])

@@ -2,13 +2,13 @@
 
 import dataclasses
 import os
-import subprocess
 import sys
 
 import numpy as np
 import pytest
 from calibrating import refined
 from checks import refusal
+from running import python
 from scenes import PLAIN_ROOM, listed, scene, still
 
 from posefuse.core import SE3, DependencyError, Frame, InputError
@@ -65,10 +65,8 @@ def test_exposure_smears_along_the_motion_only(shots):
     corners = seen_points(live, 0, slice(10, 11)).xy_img[0]
     (left, top), (right, bottom) = corners.min(axis=0).astype(int), corners.max(axis=0).astype(int)
     board = (slice(top, bottom), slice(left + 20, right - 20))
-    along, across = (
-        [np.square(np.diff(shot.image[board].astype(float).mean(axis=2), axis=axis)).mean() for shot in (sharp, smeared)]
-        for axis in (1, 0)
-    )
+    grey = [shot.image[board].astype(float).mean(axis=2) for shot in (sharp, smeared)]
+    along, across = ([np.square(np.diff(one, axis=axis)).mean() for one in grey] for axis in (1, 0))
     assert along[1] / along[0] < 0.6 * across[1] / across[0]
     assert along[1] < 0.3 * along[0]
 
@@ -94,29 +92,29 @@ def test_moments_cover_the_rows_once_and_the_readout_symmetrically():
     assert len(moments_of(SensorSettings(), 480)) == 1
 
 
+_DRAW = """
+import sys
+import numpy as np
+from scenes import scene
+from posefuse.core.ideal_image import optics_of
+from posefuse_sim.build import live_scene
+from posefuse_sim.render.model import render_model
+from posefuse_sim.render.stage import RenderStage
+live, name = live_scene(scene(cameras={"kind": "ring", "image": {"size_px": [64, 48]}})), sys.argv[1]
+stage, eye = RenderStage(render_model(live, (64, 48), name), name), live.rig.cameras[0]
+stage.place(np.zeros((0, 7)))
+image, depth = stage.draw(optics_of(eye).view, eye.cam_from_world)
+print(int(image.mean()), round(float(depth[40, 32]), 2))
+"""
+
+
 @pytest.mark.gl
 @pytest.mark.parametrize("name", backends.BACKENDS)
 def test_each_backend_draws_or_is_skipped_by_name(name, backend):
-    code = f"""
-import numpy as np
-from posefuse_sim.render import stage as b
-from posefuse_sim.cameras import *
-from posefuse_sim.build import live_scene
-from posefuse_sim.scene import Scene
-from posefuse_sim.render.model import render_model
-from posefuse_sim.render.stage import RenderStage
-from posefuse.core.ideal_image import optics_of
-live = live_scene(Scene(duration_s=1, cameras=RingCameras(kind="ring", image=ImageSettings(size_px=(64, 48)))))
-stage = RenderStage(render_model(live, (64, 48), {name!r}), {name!r})
-stage.place(np.zeros((0, 7)))
-image, depth = stage.draw(optics_of(live.rig.cameras[0]).view, live.rig.cameras[0].cam_from_world)
-stage.close()
-print(int(image.mean()), round(float(depth[40, 32]), 2))
-"""
     reason = backends._why_not(name)
     if reason is not None:
         pytest.skip(f"{name} does not work here: {reason}")
-    run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False, timeout=120)
+    run = python("-c", _DRAW, name, PYTHONPATH=os.pathsep.join(sys.path))
     assert run.returncode == 0, run.stderr
     brightness, depth_m = run.stdout.split()
     assert 60 < int(brightness) < 220

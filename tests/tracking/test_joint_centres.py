@@ -37,38 +37,32 @@ def standing() -> np.ndarray:
     return straight(BLAZEPOSE33, **hand, heel=(-0.05, 0.1, 0), foot_index=(0.2, 0.1, 0))
 
 
-def test_directions_of_a_person_standing_are_what_their_names_say() -> None:
-    for side, out in (("left", [0, 1, 0]), ("right", [0, -1, 0])):
-        known = joint_directions(standing(), BLAZEPOSE33, side)
-        for joint in ("shoulder", "hip"):
-            np.testing.assert_allclose(known[joint]["forward"], [1, 0, 0], atol=1e-12)
-            np.testing.assert_allclose(known[joint]["up"], [0, 0, 1], atol=1e-12)
-            np.testing.assert_allclose(known[joint]["outward"], out, atol=1e-12)
-        np.testing.assert_allclose(known["shoulder"]["raising"], 0, atol=1e-12)
-        for joint in ("knee", "ankle"):
-            np.testing.assert_allclose(known[joint]["forward"], [1, 0, 0], atol=1e-12)
-            np.testing.assert_allclose(known[joint]["outward"], out, atol=1e-12)
-        np.testing.assert_allclose(known["hip"]["sinking"], 0, atol=1e-12)
-        np.testing.assert_allclose(known["knee"]["bend"], 0, atol=1e-12)
-        np.testing.assert_allclose(known["elbow"]["bend"], [1, 0, 1], atol=1e-12)
-        np.testing.assert_allclose(known["elbow"]["lowering"], 0, atol=1e-12)
-        np.testing.assert_allclose(known["wrist"]["palm"], [0, -out[1], 0], atol=1e-12)
-        np.testing.assert_allclose(known["ankle"]["foot"], [1, 0, 0], atol=1e-12)
-        np.testing.assert_allclose(known["ear"]["outward"], out, atol=1e-12)
-        for part in ("ear", "nose"):
-            np.testing.assert_allclose(known[part]["face"], [1, 0, 0], atol=1e-12)
-            np.testing.assert_allclose(known[part]["crown"], [0, 0, 1], atol=1e-12)
+@pytest.mark.parametrize(("side", "y"), [("left", 1), ("right", -1)])
+def test_directions_of_a_person_standing_are_what_their_names_say(side: str, y: int) -> None:
+    ahead, up, out, nothing = [1, 0, 0], [0, 0, 1], [0, y, 0], [0, 0, 0]
+    expected = {
+        "shoulder": {"forward": ahead, "up": up, "outward": out, "raising": nothing},
+        "hip": {"forward": ahead, "up": up, "outward": out, "sinking": nothing},
+        "knee": {"forward": ahead, "outward": out, "bend": nothing},
+        "ankle": {"forward": ahead, "outward": out, "foot": ahead},
+        "elbow": {"bend": [1, 0, 1], "lowering": nothing},
+        "wrist": {"palm": [0, -y, 0]},
+        "ear": {"outward": out, "face": ahead, "crown": up},
+        "nose": {"face": ahead, "crown": up},
+    }
+    known = joint_directions(standing(), BLAZEPOSE33, side)
+    for joint, directions in expected.items():
+        for name, direction in directions.items():
+            np.testing.assert_allclose(known[joint][name], direction, atol=1e-12, err_msg=f"{joint} {name}")
 
 
 def test_a_raised_arm_counts_as_far_as_it_points_outward() -> None:
-    xyz = standing()
-    xyz[BLAZEPOSE33.index("right_elbow")] = [0, -0.5, 1.4]
-    np.testing.assert_allclose(joint_directions(xyz, BLAZEPOSE33, "right")["shoulder"]["raising"], [0, -1, 0], atol=1e-12)
-    np.testing.assert_allclose(joint_directions(xyz, BLAZEPOSE33, "right")["elbow"]["lowering"], [0, 0, -1], atol=1e-12)
-    xyz[BLAZEPOSE33.index("right_elbow")] = [0, -0.4, 1.2]
-    np.testing.assert_allclose(
-        joint_directions(xyz, BLAZEPOSE33, "right")["shoulder"]["raising"], [0, -np.sqrt(0.5), 0], atol=1e-12
-    )
+    xyz, known = standing(), []
+    for place in ([0, -0.5, 1.4], [0, -0.4, 1.2]):
+        xyz[BLAZEPOSE33.index("right_elbow")] = place
+        known.append(joint_directions(xyz, BLAZEPOSE33, "right"))
+    np.testing.assert_allclose([one["shoulder"]["raising"] for one in known], [[0, -1, 0], [0, -np.sqrt(0.5), 0]], atol=1e-12)
+    np.testing.assert_allclose(known[0]["elbow"]["lowering"], [0, 0, -1], atol=1e-12)
 
 
 def test_moving_the_world_moves_the_result() -> None:
@@ -143,13 +137,11 @@ def test_offsets_grow_with_the_length_of_a_segment(thigh_m: float, expected_m: f
     for side in SIDES:
         hip, knee = (BLAZEPOSE33.index(f"{side}_{joint}") for joint in ("hip", "knee"))
         xyz[knee] = xyz[hip] - [0, 0, thigh_m]
-    many, few = (over_time(xyz, count) for count in (10, 9))
-    expected = [0, 0, -expected_m]
-    np.testing.assert_allclose(
-        (to_joint_centres(many, LONG_LEGS).xyz_world - many.xyz_world)[:, 0, knee] - expected, 0, atol=1e-12
-    )
-    move = (to_joint_centres(few, LONG_LEGS).xyz_world - few.xyz_world)[:, 0, knee]  # which do not tell lengths
-    np.testing.assert_allclose(move - [0, 0, -0.01], 0, atol=1e-12)
+    # nine time steps do not tell lengths
+    for count, down_m in ((10, expected_m), (9, 0.01)):
+        people = over_time(xyz, count)
+        move = (to_joint_centres(people, LONG_LEGS).xyz_world - people.xyz_world)[:, 0, knee]
+        np.testing.assert_allclose(move - [0, 0, -down_m], 0, atol=1e-12)
 
 
 def test_one_pose_is_moved_as_a_recording_of_the_same_lengths() -> None:

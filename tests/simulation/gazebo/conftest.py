@@ -97,9 +97,8 @@ def gazebo_reader(tmp_path_factory):
     program = _compiled("dae_actor", "ignition-common4-graphics", "libignition-common-dev", tmp_path_factory.mktemp("cc"))
 
     def read(file: Path, times_s):
-        done = subprocess.run(
-            [str(program), str(file), *(f"{t:.9f}" for t in times_s)], capture_output=True, text=True, check=False, timeout=120
-        )
+        command = [str(program), str(file), *(f"{t:.9f}" for t in times_s)]
+        done = subprocess.run(command, capture_output=True, text=True, check=False, timeout=120)
         assert done.returncode == 0, f"{done.returncode} {done.stderr}"
         facts, *poses, skin = map(json.loads, done.stdout.splitlines())
         return facts, poses, skin

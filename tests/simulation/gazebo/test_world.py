@@ -5,6 +5,7 @@ import subprocess
 import xml.etree.ElementTree as ElementTree
 from dataclasses import replace
 
+import built
 import cv2
 import numpy as np
 import pytest
@@ -32,12 +33,9 @@ def camera_from_gazebo(read: dict) -> Camera:
     """The camera that one of Gazebo, as `libsdformat` lists it, is in our conventions."""
     (fx, fy), (cx, cy) = read["f"], read["c"]
     rotation = CAM_FROM_LINK @ SE3(np.array(read["wxyz"]), np.array(read["xyz"])).inverse().matrix()
-    return Camera(
-        name=read["name"],
-        size_wh=tuple(read["size"]),
-        K=np.array([[fx, 0, cx - CENTRE_PX], [0, fy, cy - CENTRE_PX], [0, 0, 1]]),
-        cam_from_world=SE3.from_matrix(rotation, -rotation @ np.array(read["xyz"])),
-    )
+    pose = SE3.from_matrix(rotation, -rotation @ np.array(read["xyz"]))
+    K = np.array([[fx, 0, cx - CENTRE_PX], [0, fy, cy - CENTRE_PX], [0, 0, 1]])
+    return built.camera(K, pose=pose, name=read["name"], size_wh=tuple(read["size"]))
 
 
 def test_libsdformat_reads_the_cameras_of_the_rig(written, libsdformat):
@@ -117,9 +115,8 @@ def test_pixel_centres_lie_half_a_pixel_from_the_edge(written):
         drawn = drawn_camera(camera)
         sensor = root.find(f".//model[@name='{camera.name}']//camera")
         fx, fy, cx, cy = (float(sensor.find(f"lens/intrinsics/{key}").text) for key in ("fx", "fy", "cx", "cy"))
-        width, height, near, far = (
-            float(sensor.find(key).text) for key in ("image/width", "image/height", "clip/near", "clip/far")
-        )
+        keys = ("image/width", "image/height", "clip/near", "clip/far")
+        width, height, near, far = (float(sensor.find(key).text) for key in keys)
         clip = np.diag([2 / width, 2 / height, -2 / (far - near), 1.0])
         clip[:3, 3] = [-1, -1, -(far + near) / (far - near)]
         seen = np.array([[fx, 0, -cx, 0], [0, fy, -(height - cy), 0], [0, 0, near + far, near * far], [0, 0, -1, 0]])
@@ -164,9 +161,8 @@ def test_the_bridge_brings_clock_images_and_camera_info(written):
     launch = written.world.folder / "launch.sh"
     assert os.access(launch, os.X_OK)
     assert subprocess.run(["sh", "-n", str(launch)], check=False, timeout=60).returncode == 0
-    missing = subprocess.run(
-        [str(launch)], capture_output=True, text=True, check=False, env={"PATH": "/usr/bin:/bin"}, timeout=60
-    )
+    without_gz = {"PATH": "/usr/bin:/bin"}
+    missing = subprocess.run([str(launch)], capture_output=True, text=True, check=False, env=without_gz, timeout=60)
     assert missing.returncode == 1 and "gz: not found" in missing.stderr
 
 
