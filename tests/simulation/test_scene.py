@@ -39,36 +39,36 @@ def test_the_papers_walking_scene_is_the_papers():
     assert read.people[0].motion.speed_mps == 1.35
 
 
+_TOP = "duration_s: 1\ncameras: {kind: ring}\n"
+
+
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("duration_s: 1\ncameras: {kind: ring}\ncolour: red", r"scene\.yaml: unknown key 'colour'; there are: .*duration_s"),
-        (
-            "duration_s: 1\ncameras: {kind: ring, count: 0}",
-            r"scene\.yaml: cameras\.ring\.count: .*greater than or equal to 1, got 0",
-        ),
+        (f"{_TOP}colour: red", r"unknown key 'colour'; there are: .*duration_s"),
+        ("duration_s: 1\ncameras: {kind: ring, count: 0}", r"cameras\.ring\.count: .*greater than or equal to 1, got 0"),
         ("duration_s: 1\ncameras: {kind: ring, count: 1000000}", "less than or equal to 1000, got 1000000"),
         ("duration_s: 1\ncameras: {kind: ring, image: {size_px: [20000, 9]}}", "less than or equal to 16384, got 20000"),
-        ("duration_s: 1\nrate_hz: 0\ncameras: {kind: ring}", r"scene\.yaml: rate_hz: .*greater than 0, got 0"),
-        ("duration_s: 1\ncameras: {kind: sphere}", r"scene\.yaml: cameras: .*'ring'.*'list'.*got"),
-        ("duration_s: 5 s\ncameras: {kind: ring}", r"scene\.yaml: duration_s: .*number.*got '5 s'"),
-        ("cameras: {kind: ring}", r"scene\.yaml: duration_s: missing"),
+        (f"{_TOP}rate_hz: 0", "rate_hz: .*greater than 0, got 0"),
+        ("duration_s: 1\ncameras: {kind: sphere}", "cameras: .*'ring'.*'list'.*got"),
+        ("duration_s: 5 s\ncameras: {kind: ring}", "duration_s: .*number.*got '5 s'"),
+        ("cameras: {kind: ring}", "duration_s: missing"),
         ("duration_s: 1\ncameras: {kind: ring, image: {width: 640}}", r"unknown key '.*image\.width'"),
-        ("duration_s: 1\ncameras: {kind: ring, sensor: {drop_fraction: 1.0}}", r"drop_fraction: .*less than 1, got 1.0"),
-        ("duration_s: 1\ncameras: {kind: list, cameras: []}", r"cameras: .*at least 1 item"),
+        ("duration_s: 1\ncameras: {kind: ring, sensor: {drop_fraction: 1.0}}", "drop_fraction: .*less than 1, got 1.0"),
+        ("duration_s: 1\ncameras: {kind: list, cameras: []}", "cameras: .*at least 1 item"),
         (
-            "duration_s: 1\ncameras: {kind: list, cameras: [{name: a, position_m: [1, 0, 2]}, {name: a, position_m: [2, 0, 2]}]}",
-            r"scene\.yaml: cameras: name: used twice: a",
+            "duration_s: 1\ncameras: {kind: list, cameras: [&a {name: a, position_m: [1, 0, 2]}, *a]}",
+            "name: used twice: a",
         ),
         (
-            "duration_s: 1\ncameras: {kind: ring}\nprops: [{kind: aruco_cube, path: {kind: carried, person: 2}}]",
+            f"{_TOP}props: [{{kind: aruco_cube, path: {{kind: carried, person: 2}}}}]",
             r"props: cube: path\.person: no person 2; there are: none",
         ),
-        ("[1, 2]", r"scene\.yaml: expected keys with values at the top, got list"),
+        ("[1, 2]", "expected keys with values at the top, got list"),
     ],
 )
 def test_wrong_files_are_refused_in_one_line(tmp_path, text, message):
-    refusal(ConfigError, message, _read, tmp_path, text)
+    refusal(ConfigError, rf"scene\.yaml: .*{message}", _read, tmp_path, text)
 
 
 def _eye(*position_m: float) -> dict:
@@ -114,17 +114,19 @@ def test_without_walls_cameras_may_stand_beyond_the_floor():
     ],
 )
 def test_settings_of_another_kind_of_motion_are_refused(tmp_path, motion, message):
-    refusal(ConfigError, message, _read, tmp_path, f"duration_s: 1\ncameras: {{kind: ring}}\npeople: [{{motion: {{{motion}}}}}]")
+    refusal(ConfigError, message, _read, tmp_path, f"{_TOP}people: [{{motion: {{{motion}}}}}]")
 
 
-def test_marker_settings_that_cannot_be_are_refused(tmp_path):
-    base = "duration_s: 1\ncameras: {kind: ring}\nprops: [{kind: aruco_cube, %s}]"
-    for text, message in (
-        ("marker_m: 0.3", r"prop cube: marker_m 0.3 leaves no white border inside side_m 0.2"),
-        ("dictionary: DICT_9X9", r"prop cube: dictionary: no 'DICT_9X9'; there are: .*DICT_4X4_50"),
-        ("first_id: 47", r"prop cube: DICT_4X4_50 has 50 markers, marker 50 is needed"),
-    ):
-        refusal(ConfigError, message, live_scene, _read(tmp_path, base % text))
+@pytest.mark.parametrize(
+    ("settings", "message"),
+    [
+        ({"marker_m": 0.3}, "prop cube: marker_m 0.3 leaves no white border inside side_m 0.2"),
+        ({"dictionary": "DICT_9X9"}, "prop cube: dictionary: no 'DICT_9X9'; there are: .*DICT_4X4_50"),
+        ({"first_id": 47}, "prop cube: DICT_4X4_50 has 50 markers, marker 50 is needed"),
+    ],
+)
+def test_marker_settings_that_cannot_be_are_refused(settings, message):
+    refusal(ConfigError, message, live_scene, scene(props=[{"kind": "aruco_cube", **settings}]))
 
 
 @pytest.mark.gl

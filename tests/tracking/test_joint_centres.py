@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from built import poses, recording_from_views, straight
+from built import noisy_views, poses, recording_from_views, straight
 from scipy.spatial.transform import Rotation
 
 from posefuse.core import JointCentres, PoseSequence
@@ -16,6 +16,7 @@ from posefuse.tracking.body_directions import keypoint_of, segment_lengths
 from posefuse.tracking.joint_centres import JOINTS, SIDES, joint_directions
 
 T, N, K = 4, 2, len(BLAZEPOSE33)
+SHIPPED = read_joint_centres(read_card("blazepose_full").joint_centres_file)
 LEG = ("hip", "knee", "ankle", "heel", "foot_index")
 EVERY = JointCentres(
     made_by="a test",
@@ -74,13 +75,9 @@ def test_moving_the_world_moves_the_result() -> None:
 
 
 def test_a_mirror_image_gives_the_mirror_image() -> None:
-    before = people()
-
-    def mirrored(xyz: np.ndarray) -> np.ndarray:
-        return xyz[:, :, BLAZEPOSE33.mirror] * [1, -1, 1]
-
-    after = to_joint_centres(replace(before, xyz_world=mirrored(before.xyz_world)), EVERY).xyz_world
-    np.testing.assert_allclose(after, mirrored(to_joint_centres(before, EVERY).xyz_world), atol=1e-12)
+    before, mirror = people(), BLAZEPOSE33.mirror
+    after = to_joint_centres(replace(before, xyz_world=before.xyz_world[:, :, mirror] * [1, -1, 1]), EVERY).xyz_world
+    np.testing.assert_allclose(after, to_joint_centres(before, EVERY).xyz_world[:, :, mirror] * [1, -1, 1], atol=1e-12)
 
 
 def test_offsets_are_added_in_full_and_only_to_joints() -> None:
@@ -109,13 +106,10 @@ def test_a_joint_without_its_directions_stays_and_a_missing_one_stays_missing() 
 
 
 def test_the_shipped_table_moves_every_joint_by_centimetres_at_most() -> None:
-    card = read_card("blazepose_full")
-    assert card.joint_centres_file
-    table = read_joint_centres(card.joint_centres_file)
-    assert set(table.offsets) == set(JOINTS)
+    assert set(SHIPPED.offsets) == set(JOINTS)
     before = replace(people(), xyz_world=np.tile(standing(), (T, N, 1, 1)))
     columns = BLAZEPOSE33.indices([keypoint_of(side, joint) for side in SIDES for joint in JOINTS])
-    moved = np.linalg.norm(to_joint_centres(before, table).xyz_world - before.xyz_world, axis=-1)[..., columns]
+    moved = np.linalg.norm(to_joint_centres(before, SHIPPED).xyz_world - before.xyz_world, axis=-1)[..., columns]
     assert (moved > 0.0005).all() and (moved < 0.05).all()
 
 
@@ -147,13 +141,12 @@ def test_offsets_grow_with_the_length_of_a_segment(thigh_m: float, expected_m: f
 def test_one_pose_is_moved_as_a_recording_of_the_same_lengths() -> None:
     """Lengths that are not known count as usual."""
     many = over_time(np.stack([standing(), 1.1 * standing()]), 12)
-    table = read_joint_centres(read_card("blazepose_full").joint_centres_file)
-    usual = at_joint_centres(many, table, table.usual)
+    usual = at_joint_centres(many, SHIPPED, SHIPPED.usual)
     lengths = segment_lengths(usual.xyz_world, BLAZEPOSE33)
-    one = at_joint_centres(many.at(3), table, lengths)
-    np.testing.assert_array_equal(one.xyz_world, to_joint_centres(many, table).xyz_world[3])
+    one = at_joint_centres(many.at(3), SHIPPED, lengths)
+    np.testing.assert_array_equal(one.xyz_world, to_joint_centres(many, SHIPPED).xyz_world[3])
     assert np.nanmax(np.abs(one.xyz_world - usual.xyz_world[3])) > 0.001
-    unknown = at_joint_centres(many.at(3), table, np.full(lengths.shape, np.nan))
+    unknown = at_joint_centres(many.at(3), SHIPPED, np.full(lengths.shape, np.nan))
     np.testing.assert_array_equal(unknown.xyz_world, usual.xyz_world[3])
 
 
@@ -171,20 +164,18 @@ def over_time(xyz: np.ndarray, count: int) -> PoseSequence:
 
 
 def test_there_and_back_is_where_it_was() -> None:
-    table = read_joint_centres(read_card("blazepose_full").joint_centres_file)
     before = person_standing()
-    there = to_joint_centres(before, table)
+    there = to_joint_centres(before, SHIPPED)
     assert np.nanmax(np.abs(there.xyz_world - before.xyz_world)) > 0.01
-    landmarks = LandmarksInParts(there.xyz_world, BLAZEPOSE33, table)
+    landmarks = LandmarksInParts(there.xyz_world, BLAZEPOSE33, SHIPPED)
     np.testing.assert_allclose(landmarks.part(slice(None)), before.xyz_world, atol=1e-4)
 
 
 def test_views_of_landmarks_become_views_of_joint_centres(ring_rig) -> None:
     """Also where left and right are exchanged in one view, and at a time step without 3D."""
-    table = read_joint_centres(read_card("blazepose_full").joint_centres_file)
     landmarks, rig = person_standing(), ring_rig(3)
-    centres = to_joint_centres(landmarks, table)
-    seen, expected = (np.stack([c.project(one.xyz_world) for c in rig], axis=2) for one in (landmarks, centres))
+    centres = to_joint_centres(landmarks, SHIPPED)
+    seen, expected = (noisy_views(rig, one, 0.0, 0).xy_img for one in (landmarks, centres))
     knee, legs = BLAZEPOSE33.index("left_knee"), [i for i, k in enumerate(BLAZEPOSE33.keypoints) if k.endswith(LEG)]
     mixed = seen.copy()
     mixed[1, 0, 2][legs] = seen[1, 0, 2][BLAZEPOSE33.mirror[legs]]
@@ -192,7 +183,7 @@ def test_views_of_landmarks_become_views_of_joint_centres(ring_rig) -> None:
     known[2, 1, knee] = np.nan
     score = np.isfinite(seen[..., 0]) * 1.0
     recording = recording_from_views(rig, replace(centres, xyz_world=known), mixed, score, np.where(score > 0, 2.0, np.nan))
-    rays = ViewsAtJointCentres(recording.poses, recording.rig, recording.views_in_parts, table)
+    rays = ViewsAtJointCentres(recording.poses, recording.rig, recording.views_in_parts, SHIPPED)
     moved = rays.part(slice(None))
     known_px = np.isfinite(seen[..., 0])
     known_px[2, 1] = False  # the thigh's directions are unknown there
