@@ -2,11 +2,12 @@
 
 from pathlib import Path
 
+import built
 import numpy as np
 import pytest
 from commands import figures
 
-from posefuse.core import SKELETONS, CameraTruth, Rig, Truth
+from posefuse.core import SKELETONS, Rig
 from posefuse.detection.card import read_card
 from posefuse.detection.noise import FEATURES, read_noise
 from posefuse.formats.joint_centres import read_joint_centres
@@ -78,15 +79,8 @@ def scene(folder: Path, rig: Rig, turned_rad: float) -> None:
         exact[:, 0, wrist] += 0.04 * along / np.linalg.norm(along, axis=-1, keepdims=True)
     exact[:, 0, len(discs.SKELETON) :] = xyz[:, -1:]
     t_ns = np.round(np.arange(len(xyz)) / discs.RATE_HZ * 1e9).astype(np.int64)
-    views = tuple(
-        CameraTruth(camera=camera.name, t_ns=t_ns, xy_img=camera.project(exact), visible=np.full(exact.shape[:3], True))
-        for camera in rig
-    )
     (folder / "truth").mkdir(parents=True)
-    write_truth(
-        folder / "truth" / "truth.npz",
-        Truth(rig=rig, t_ns=t_ns, skeleton=truth_set, person_id=np.arange(1), xyz_world=exact, views=views),
-    )
+    write_truth(folder / "truth" / "truth.npz", built.truth(rig, exact, t_ns, truth_set))
     write_rig(folder / "rig.toml", rig)
 
 

@@ -2,11 +2,11 @@
 
 import numpy as np
 import pytest
-from built import poses
+from built import poses, truth
 from checks import refusal
 
 from bench.crowds import crowd_figures, frame_matches, person_distances, returned_right
-from posefuse.core import CameraTruth, InputError, PoseSequence, ShapeError, Truth
+from posefuse.core import InputError, PoseSequence, ShapeError, Truth
 from posefuse.core.skeleton import ANATOMICAL23, BLAZEPOSE33, PAPER14
 from posefuse.evaluation.metrics import joint_errors, summary, typical_nees
 
@@ -15,9 +15,7 @@ K = len(ANATOMICAL23)
 
 
 def truth_of(rig, xyz: np.ndarray, period_ns: int = 10) -> Truth:
-    t_ns, seen = np.arange(len(xyz)) * period_ns, np.ones(xyz.shape[:-1], bool)
-    views = tuple(CameraTruth(camera=n, t_ns=t_ns, xy_img=np.zeros((*seen.shape, 2)), visible=seen) for n in rig.names)
-    return Truth(rig=rig, t_ns=t_ns, skeleton=ANATOMICAL23, person_id=range(xyz.shape[1]), xyz_world=xyz, views=views)
+    return truth(rig, xyz, np.arange(len(xyz)) * period_ns, ANATOMICAL23)
 
 
 def sequence(t_ns: np.ndarray, xyz: np.ndarray, skeleton=ANATOMICAL23) -> PoseSequence:
@@ -95,11 +93,11 @@ def test_typical_nees_is_3_when_covariances_say_how_wrong_points_are(ring_rig) -
     root = rng.normal(size=shape + (3, 3)) * 0.01
     cov = root @ np.swapaxes(root, -1, -2) + np.eye(3) * 1e-5
     error = (np.linalg.cholesky(cov) @ rng.normal(size=shape + (3, 1)))[..., 0]
-    truth = truth_of(ring_rig(3), exact, 10**7)
+    exactly = truth_of(ring_rig(3), exact, 10**7)
 
     def stated(factor: float) -> float:
-        found = poses(exact + error, cov=cov * factor, t_ns=truth.t_ns, skeleton=ANATOMICAL23)
-        return typical_nees(found, truth, ("left_hip", "right_wrist", "nose"))
+        found = poses(exact + error, cov=cov * factor, t_ns=exactly.t_ns, skeleton=ANATOMICAL23)
+        return typical_nees(found, exactly, ("left_hip", "right_wrist", "nose"))
 
     assert stated(1.0) == pytest.approx(3, rel=0.1)
     assert stated(0.25) == pytest.approx(12, rel=0.1)

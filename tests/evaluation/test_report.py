@@ -270,7 +270,7 @@ def test_quality_counts_what_was_measured(ring_rig):
 
 
 @pytest.mark.parametrize(("left_m", "right_m", "stated"), [(0.66, 0.54, "+20"), (0.54, 0.66, "-20"), (0.599, 0.6, "+0")])
-def test_a_side_that_takes_longer_steps_is_stated(read_page, tmp_path, ring_rig, left_m, right_m, stated):
+def test_a_side_that_takes_longer_steps_is_stated(ring_rig, left_m, right_m, stated):
     xyz, t_ns = walker()
     gait = gait_from_poses(recording_of(ring_rig, xyz, t_ns).poses)
     longer = replace(gait, step_length_m={**gait.step_length_m, "left": Spread(left_m, 0.0, 3), "right": Spread(right_m, 0.0, 3)})

@@ -3,9 +3,7 @@ import pytest
 from built import detections
 
 from posefuse.association import AssociateSettings, associate
-from posefuse.core import SE3, SKELETONS, Rig
-
-COCO = SKELETONS["coco17"]
+from posefuse.core import SE3, Rig
 
 
 @pytest.fixture

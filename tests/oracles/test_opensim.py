@@ -78,7 +78,7 @@ def test_it_opens_the_model_and_our_motions(solved, osim, tmp_path):
     assert osim.Storage(str(tmp_path / "angles.mot")).getSize() == len(sequence)
 
 
-def test_a_motion_moves_a_model_to_the_points(solved, osim, tmp_path):
+def test_a_motion_moves_a_model_to_the_points(solved, osim):
     """The coordinates of angles.mot, put into a model with the usual names, bring its limbs to where the keypoints are.
 
     The person faces away from the ground's X, so that the sequence of the pelvis' turns counts.

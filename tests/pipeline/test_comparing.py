@@ -13,7 +13,7 @@ pytest.importorskip("rosbags", reason="the extra `ros` is not installed")
 
 import posefuse
 from posefuse.cli.main import main
-from posefuse.core import SE3, CameraTruth, InputError, LivePose, LiveStart, Pose3D, Recording, Rig, Truth
+from posefuse.core import SE3, InputError, LivePose, LiveStart, Pose3D, Recording, Rig
 from posefuse.core.observations import observations_from_frames
 from posefuse.core.skeleton import ANATOMICAL23
 from posefuse.evaluation.tracks import looped
@@ -44,14 +44,9 @@ def world(tmp_path: Path, ring_rig: Callable[..., Rig]) -> Path:
     """What `posefuse simulate --gazebo` writes of its truth."""
     rig, t_ns = ring_rig(3), np.arange(0, round(LOOP_S * 1e9), 4_166_667)
     xyz = np.stack([person_at(t_ns / 1e9, 1), person_at(t_ns / 1e9, 0)], axis=1)
-    none = np.zeros((0, 2, K), bool)
-    views = tuple(
-        CameraTruth(camera=name, t_ns=np.zeros(0, np.int64), xy_img=np.zeros((0, 2, K, 2)), visible=none) for name in rig.names
-    )
-    truth = Truth(rig=rig, t_ns=t_ns, skeleton=ANATOMICAL23, person_id=np.arange(2), xyz_world=xyz, views=views, joints=None)
     folder = tmp_path / "world"
     (folder / "truth").mkdir(parents=True)
-    write_truth(folder / "truth" / "truth.npz", truth)
+    write_truth(folder / "truth" / "truth.npz", built.truth(rig, xyz, t_ns, ANATOMICAL23))
     write_loop(folder / "truth", round(LOOP_S * 1e9))
     return folder
 

@@ -9,6 +9,7 @@ import numpy as np
 from posefuse.core import (
     SE3,
     Camera,
+    CameraTruth,
     DetectionBatch,
     Detections2D,
     Frame,
@@ -21,6 +22,7 @@ from posefuse.core import (
     Recording,
     Rig,
     Skeleton,
+    Truth,
     Views,
     ViewSequence,
 )
@@ -252,6 +254,14 @@ def noisy_views(
     xy = xy + np.random.default_rng(seed).normal(size=xy.shape) * noise_px
     shown = xy if score is None else np.where(score[..., None] > 0, xy, np.nan)
     return view_sequence(rig, sequence, shown, score, sigma_px)
+
+
+def truth(rig: Rig, xyz: np.ndarray, t_ns: Sequence[int] | np.ndarray, skeleton: Skeleton, **others: Any) -> Truth:
+    """The truth about people (T, N, K, 3), whom every camera sees at all of these times."""
+    t_ns, visible = np.asarray(t_ns), np.ones(xyz.shape[:-1], bool)
+    views = [CameraTruth(camera=one.name, t_ns=t_ns, xy_img=one.project(xyz), visible=visible) for one in rig]
+    stated = {"person_id": np.arange(xyz.shape[1]), "views": tuple(views)}
+    return Truth(rig=rig, t_ns=t_ns, skeleton=skeleton, xyz_world=xyz, **(stated | others))
 
 
 def recording(rig: Rig, sequence: PoseSequence, score: float = 0.9, sigma_px: float = 2.0, **provenance: Any) -> Recording:
