@@ -11,19 +11,9 @@ from checks import refusal
 from figure import BENT
 from scipy.spatial.transform import Rotation
 
+from posefuse import kinematics
 from posefuse.core import SE3, SKELETONS, InputError, ShapeError
-from posefuse.kinematics import (
-    JOINT_NAMES,
-    JOINTS,
-    JointSettings,
-    JointTracker,
-    Reason,
-    facing_votes,
-    joints_from_poses,
-    kernels,
-    reasons_from_poses,
-    undefined_angles,
-)
+from posefuse.kinematics import JOINT_NAMES, JointSettings, JointTracker, Reason, joints_from_poses, reasons_from_poses
 
 EXACT = JointSettings(hinge_play_rad=0.0, turn_rate_rad_sqrt_s=10.0)
 
@@ -168,18 +158,18 @@ def test_live_equals_recorded_when_the_planes_are_clear(posed):
 
 
 def test_each_skeleton_lists_missing_angles_with_reasons():
-    paper = undefined_angles(SKELETONS["paper14"])
+    paper = kinematics.undefined_angles(SKELETONS["paper14"])
     assert re.search(r"needs (nose, left_ear, right_ear|left_ear, right_ear, nose)", paper["neck.flexion"])
     assert "left_heel" in paper["left_ankle.dorsiflexion"]
     assert "not determined by joint centres" in paper["right_knee.internal_rotation"]
     assert "left_knee.flexion" not in paper
-    assert "left_wrist.pronation" not in undefined_angles(SKELETONS["blazepose33"])
+    assert "left_wrist.pronation" not in kinematics.undefined_angles(SKELETONS["blazepose33"])
 
 
 @pytest.mark.parametrize("skeleton", sorted(SKELETONS))
 def test_what_a_skeleton_promises_is_there(posed, skeleton):
     joints, reasons = reasons_from_poses(posed([BENT], skeleton), EXACT)
-    impossible = undefined_angles(SKELETONS[skeleton])
+    impossible = kinematics.undefined_angles(SKELETONS[skeleton])
     for q, name in enumerate(joints.joints):
         for a, angle in enumerate(joints.angle_names[q]):
             wanted = Reason.NOT_DETERMINED if f"{name}.{angle}" in impossible else Reason.DEFINED
@@ -256,7 +246,7 @@ def test_quaternions_agree_with_scipy_for_any_turn():
     turns = Rotation.random(500, rng=3)
     turns = Rotation.concatenate([turns, Rotation.from_rotvec(np.pi * np.eye(3)), Rotation.identity()])
     wxyz = np.empty((len(turns), 4))
-    kernels.quaternions(turns.as_matrix(), wxyz)
+    kinematics.kernels.quaternions(turns.as_matrix(), wxyz)
     expected = turns.as_quat(scalar_first=True)
     np.testing.assert_allclose(np.abs((wxyz * expected).sum(-1)), 1, atol=1e-12)
     assert (wxyz[:, 0] >= 0).all()
@@ -270,7 +260,7 @@ PAGE = Path(__file__).parents[2] / "docs" / "kinematics.md"
 
 def test_every_joint_is_documented_with_its_sequence_and_angles():
     rows = dict(re.findall(r"^\| (\w+) \|[^|]*\| ([XYZ]-[XYZ]-[XYZ] \| [a-z_, ]+) \|", PAGE.read_text(), re.MULTILINE))
-    said = {re.sub("left_|right_", "", j.name): f"{'-'.join(j.sequence)} | {', '.join(j.angle_names)}" for j in JOINTS}
+    said = {re.sub("left_|right_", "", j.name): f"{'-'.join(j.sequence)} | {', '.join(j.angle_names)}" for j in kinematics.JOINTS}
     assert rows == said
 
 
@@ -282,20 +272,20 @@ LIMBS = {"left_knee": (40.0, 0.0, 0.0), "right_knee": (25.0, 0.0, 0.0), "left_el
 
 def test_clues_turn_with_the_limbs_whose_sides_are_exchanged_and_not_with_the_world(posed) -> None:
     sequence = posed([LIMBS] * 3)
-    votes = facing_votes(sequence)
+    votes = kinematics.facing_votes(sequence)
     assert votes.shape == (2, 3, 1)
     assert (votes >= 4).all()
     for part, (left, right) in enumerate(sequence.skeleton.limbs):
         order = np.arange(len(sequence.skeleton))
         order[left], order[right] = right, left
-        exchanged = facing_votes(replace(sequence, xyz_world=sequence.xyz_world[:, :, order]))
+        exchanged = kinematics.facing_votes(replace(sequence, xyz_world=sequence.xyz_world[:, :, order]))
         assert (exchanged[part] <= -4).all()
         assert (exchanged[1 - part] >= 4).all()
     new_from_old = SE3.from_rotvec([0.4, -1.0, 0.3], [3.0, -2.0, 1.0])
-    assert np.array_equal(facing_votes(replace(sequence, xyz_world=new_from_old @ sequence.xyz_world)), votes)
+    assert np.array_equal(kinematics.facing_votes(replace(sequence, xyz_world=new_from_old @ sequence.xyz_world)), votes)
 
 
 def test_without_face_feet_and_knees_there_is_no_clue(posed) -> None:
     sequence = posed([LIMBS])
     clues = [name for name in sequence.skeleton.keypoints if name.endswith(("nose", "heel", "index", "knee"))]
-    assert not facing_votes(unseen(sequence, *clues)).any()
+    assert not kinematics.facing_votes(unseen(sequence, *clues)).any()

@@ -16,17 +16,7 @@ pytest.importorskip("mujoco")
 
 from paper.__main__ import main
 from paper.experiments import latency, runs, scaling
-from paper.experiments.latency import (
-    SETTLED_S,
-    STAGES,
-    Listener,
-    LiveTimes,
-    live_figures,
-    live_times,
-    passages,
-    spike_plots,
-    view_spikes,
-)
+from paper.experiments.latency import SETTLED_S, STAGES, Listener, LiveTimes, live_figures, live_times, passages
 from paper.experiments.runs import Console, Context, Run, run_scene
 from paper.experiments.summary import write_summary
 from paper.experiments.tables import joint_rows
@@ -213,7 +203,7 @@ def test_live_figures_are_those_of_each_camera() -> None:
         one = figures["cameras"][name]
         assert one["stages_ms"]["2D"]["mean"] == pytest.approx(10 + c)
         assert one["total_ms"]["median"] == pytest.approx(15 + c) and one["views"] == 15
-    lines = view_spikes(live, 2, float(np.median(live.passed_s[:, 0])))
+    lines = latency.view_spikes(live, 2, float(np.median(live.passed_s[:, 0])))
     assert [line.name for line in lines] == list(STAGES)
     np.testing.assert_allclose([lines[0].low[0], lines[0].high[0]], [0, 1], atol=1e-9)
     np.testing.assert_allclose([lines[-1].low[0], lines[-1].high[0]], [16, 17], atol=1e-9)
@@ -221,7 +211,7 @@ def test_live_figures_are_those_of_each_camera() -> None:
     silent = LiveTimes(CAMERAS, live.camera[live.camera != 3], live.passed_s[live.camera != 3], 0.5, 100.0)
     figures = live_figures(silent, dict.fromkeys(CAMERAS, 2.0))
     assert list(figures["cameras"]) == list(CAMERAS[:3])
-    plots: Any = spike_plots(silent)
+    plots: Any = latency.spike_plots(silent)
     assert [len(plot.series[0].x) > 0 for plot in plots] == [True, True, True, False]
 
 

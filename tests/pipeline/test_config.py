@@ -7,15 +7,7 @@ import pytest
 from checks import refusal
 
 from posefuse.core import ConfigError
-from posefuse.pipeline.config import (
-    DEFAULT_OUTPUTS,
-    TrackConfig,
-    changed_config,
-    changes_of,
-    options_by_name,
-    read_config,
-    settings_by_key,
-)
+from posefuse.pipeline.config import TrackConfig, changed_config, changes_of, read_config, settings_by_key
 from posefuse.pipeline.writing import build_sinks
 
 
@@ -75,7 +67,7 @@ def test_an_output_takes_options_by_name_and_a_wrong_one_is_refused_before_work(
     def read(file: Path | None, changes: dict[str, Any] | None = None) -> dict[str, object]:
         return read_config(file, changes or {}).outputs
 
-    width = {**options_by_name(DEFAULT_OUTPUTS), "overlay": {"width_px": 320}}
+    width = {**read(None), "overlay": {"width_px": 320}}
     assert read(None, {"outputs.overlay.width_px": 320}) == width
     assert read(path) == {"overlay": {"width_px": 320}, "trc": {}}
     # one that the file describes keeps its description where the outputs are named again, and a key adds to it

@@ -10,16 +10,7 @@ import pytest
 from built import detections, poses, standing, view_sequence
 from checks import refusal
 
-from posefuse.core import (
-    DetectionBatch,
-    InputError,
-    LookKind,
-    Observations,
-    PoseSequence,
-    Rig,
-    ViewSequence,
-    views_over_time,
-)
+from posefuse.core import DetectionBatch, InputError, LookKind, Observations, PoseSequence, Rig, ViewSequence, views_over_time
 from posefuse.core.observations import observations_from_frames, on_time_steps
 from posefuse.core.skeleton import BLAZEPOSE33, COCO17
 from posefuse.formats.recording import read_recording
