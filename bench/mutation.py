@@ -45,7 +45,6 @@ PACKAGES = {
         (
             "tests/fusion",
             "tests/laws/test_fuse_laws.py",
-            "tests/laws/test_depth_laws.py",
             "tests/derivatives",
             "tests/oracles/test_fuse_against_opencv.py",
         ),

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from built import unseen
 from checks import refusal
-from figure import BENT, walking
+from figure import BENT, sequence_of, walking
 from glb import read_glb
 from scipy.spatial.transform import Rotation
 
@@ -23,8 +23,8 @@ from posefuse_sim.motion.bvh import read_bvh
 
 
 @pytest.fixture
-def sequence(posed):
-    return posed([walking(i / 30) for i in range(40)], rate_hz=30.0)
+def sequence():
+    return sequence_of([walking(i / 30) for i in range(40)], rate_hz=30.0)
 
 
 def animated(sequence):
@@ -103,8 +103,8 @@ def test_a_person_who_comes_and_goes_is_held_before_and_after(sequence):
     assert "left_forearm is missing from 0.80 to 2.00 s" in str(gap)
 
 
-def test_skeletons_without_hands_and_heads_end_earlier(posed):
-    names = animated(posed([walking(i / 30) for i in range(5)], "paper14", rate_hz=30.0)).names
+def test_skeletons_without_hands_and_heads_end_earlier():
+    names = animated(sequence_of([walking(i / 30) for i in range(5)], "paper14", rate_hz=30.0)).names
     assert "head" not in names and "left_hand" not in names
     assert {"left_forearm_end", "right_shank_end"} <= set(names)
 
@@ -141,8 +141,8 @@ def test_what_the_files_cannot_hold_is_refused(sequence, tmp_path):
 # --- a person as a mesh: of their lengths, around their bones, in any place, and the same in the file
 
 
-def animation(posed, root=None):
-    sequence = posed([BENT, {**BENT, "left_knee": (20, 0, 0)}] * 6, **({} if root is None else {"root": root}))
+def animation(root=None):
+    sequence = sequence_of([BENT, {**BENT, "left_knee": (20, 0, 0)}] * 6, **({} if root is None else {"root": root}))
     return animation_from_joints(sequence, joints_from_poses(sequence), 0)
 
 
@@ -159,8 +159,8 @@ def skinned_vertices(skeleton, skin) -> np.ndarray:
 
 
 @pytest.fixture(scope="module")
-def moving(posed):
-    return animation(posed)
+def moving():
+    return animation()
 
 
 def test_shapes_are_those_of_the_lengths() -> None:
@@ -207,17 +207,17 @@ def test_it_faces_where_the_person_faces(moving) -> None:
     assert np.linalg.det(skin.joint_from_mesh[:, :3, :3]).min() > 0
 
 
-def test_it_turns_with_the_person(posed, moving) -> None:
+def test_it_turns_with_the_person(moving) -> None:
     turn = Rotation.from_euler("z", 70, degrees=True).as_matrix()
     file_turn = Rotation.from_euler("y", 70, degrees=True).as_matrix()
-    turned = animation(posed, turn)
+    turned = animation(turn)
     one, other = (skinned_vertices(a, skin_of(a)) for a in (moving, turned))
     centred = [v - v.mean(axis=1, keepdims=True) for v in (one, other)]
     np.testing.assert_allclose(centred[0] @ file_turn.T, centred[1], atol=2e-6)
 
 
-def test_a_skeleton_without_hands_carries_them_along(posed) -> None:
-    sequence = posed([BENT] * 12, "coco17")
+def test_a_skeleton_without_hands_carries_them_along() -> None:
+    sequence = sequence_of([BENT] * 12, "coco17")
     bare = animation_from_joints(sequence, joints_from_poses(sequence), 0)
     skin = skin_of(bare)
     assert not any(name.endswith("_hand") for name in bare.names) and np.isfinite(skinned_vertices(bare, skin)).all()

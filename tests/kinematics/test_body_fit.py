@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from built import arrays_of, noisy_views, poses, shaken, unseen
 from checks import refusal
-from figure import walking
+from figure import sequence_of, walking
 
 from posefuse.core import InputError, Kind, PoseSequence
 from posefuse.kinematics import JOINT_NAMES, joints_from_poses
@@ -28,11 +28,11 @@ LENGTH_M = {"left_thigh": 0.43, "right_shank": 0.41, "left_forearm": 0.26, "righ
 
 
 @pytest.fixture(scope="module")
-def walk(posed):
+def walk():
     """(steps, skeleton) -> so many time steps of walking."""
 
     def build(steps: int, skeleton: str = "blazepose33", sigma_m: float = 0.005) -> PoseSequence:
-        return posed([walking(i / RATE_HZ) for i in range(steps)], skeleton, sigma_m=sigma_m, rate_hz=RATE_HZ)
+        return sequence_of([walking(i / RATE_HZ) for i in range(steps)], skeleton, sigma_m=sigma_m, rate_hz=RATE_HZ)
 
     return build
 
@@ -198,10 +198,10 @@ def test_an_outlier_among_lasting_errors_moves_the_fit_little(walk):
 
 
 @pytest.mark.parametrize("flexion", [175.0, 100.0])
-def test_a_recording_may_begin_with_straight_arms_held_up(posed, flexion):
+def test_a_recording_may_begin_with_straight_arms_held_up(flexion):
     """A straight limb has no plane and no frame; where it points is known all the same."""
     up = {"left_arm": (flexion, 0, 0), "right_arm": (flexion, -8, 0), "left_elbow": (1, 0, 0), "right_elbow": (1, 0, 0)}
-    sequence = posed([up] * 12, sigma_m=0.005)
+    sequence = sequence_of([up] * 12, sigma_m=0.005)
     body = bodies_from_poses(sequence)[0]
     work = FrameBuffers(sequence.skeleton, JointSettings())
     packed = packed_from_body(body, BodySettings())
@@ -213,8 +213,8 @@ def test_a_recording_may_begin_with_straight_arms_held_up(posed, flexion):
         assert np.linalg.norm(origin[body.node(f"{side}_carrying")] - elbow) < 0.02
 
 
-def test_limits_hold_a_knee_back(posed):
-    sequence = posed([{"left_knee": (-40, 0, 0), "left_hip": (20, 0, 0)}] * 12, sigma_m=0.03)
+def test_limits_hold_a_knee_back():
+    sequence = sequence_of([{"left_knee": (-40, 0, 0), "left_hip": (20, 0, 0)}] * 12, sigma_m=0.03)
     bodies = bodies_from_poses(sequence)
     knee = JOINT_NAMES.index("left_knee")
     flexion = {}
@@ -224,11 +224,11 @@ def test_limits_hold_a_knee_back(posed):
     assert flexion[True] > -20 > flexion[False]
 
 
-def test_an_elbow_is_not_held_at_its_end_of_motion_while_its_points_are_bent(posed):
+def test_an_elbow_is_not_held_at_its_end_of_motion_while_its_points_are_bent():
     """Noise may turn an upper arm by half a turn about its axis: that is a minimum, too, and was kept for seconds."""
     w = 2 * np.pi * np.arange(450) / 30
     angles = [{"left_arm": (-25 * np.sin(one), -8, 10), "left_elbow": (25 + 8 * np.sin(one), 0, 0)} for one in w]
-    clean = posed(angles, "coco17", sigma_m=0.03, rate_hz=30)
+    clean = sequence_of(angles, "coco17", sigma_m=0.03, rate_hz=30)
     body, held = bodies_from_poses(clean)[0], []
     for seed in range(4):
         seen = shaken(clean, 0.03, seed)
@@ -309,10 +309,10 @@ def random_motion(rng: np.random.Generator, steps: int, rate_hz: float) -> list[
 
 
 @pytest.mark.parametrize("by_rays", [False, True])
-def test_a_recording_fitted_in_blocks_is_as_one_fitted_whole(posed, ring_rig, monkeypatch, by_rays):
+def test_a_recording_fitted_in_blocks_is_as_one_fitted_whole(ring_rig, monkeypatch, by_rays):
     """A long recording is smoothed block by block, in constant memory; limbs are hidden across the borders of blocks."""
     rng, rate_hz, steps = np.random.default_rng(4), 12.0, 1000
-    clean = posed(random_motion(rng, steps, rate_hz), sigma_m=SIGMA_M, rate_hz=rate_hz)
+    clean = sequence_of(random_motion(rng, steps, rate_hz), sigma_m=SIGMA_M, rate_hz=rate_hz)
     rig = ring_rig(3)
     score = np.ones((steps, 1, 3, len(clean.skeleton)))
     for names, hidden in (
@@ -354,9 +354,9 @@ def squat(t: float) -> dict:
 
 
 @pytest.fixture(scope="module")
-def squatter(posed):
+def squatter():
     """Exact keypoints of a person whose lengths are all different, and of no usual proportions."""
-    return posed([squat(i / LENGTHS_RATE_HZ) for i in range(STEPS)], "coco17", sigma_m=0.005, rate_hz=LENGTHS_RATE_HZ)
+    return sequence_of([squat(i / LENGTHS_RATE_HZ) for i in range(STEPS)], "coco17", sigma_m=0.005, rate_hz=LENGTHS_RATE_HZ)
 
 
 def lengths(fit) -> tuple[np.ndarray, np.ndarray]:

@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from figure import sequence_of
 
 from posefuse.core import SKELETONS, Skeleton
 from posefuse.core.joint_centres import SEGMENT_ENDS
@@ -27,9 +28,9 @@ BENT = {f"{side}_{joint}": (25.0, 5.0, 0.0) for side in ("left", "right") for jo
 
 
 @pytest.fixture
-def standing(posed) -> np.ndarray:
+def standing() -> np.ndarray:
     """(K, 3) a figure with bent limbs."""
-    return np.array(posed([BENT], skeleton=ANATOMICAL23.name).xyz_world[0, 0])
+    return np.array(sequence_of([BENT], skeleton=ANATOMICAL23.name).xyz_world[0, 0])
 
 
 def body_with(settings: BodySettings | None = None, skeleton: Skeleton = ANATOMICAL23) -> LiveBody:
@@ -233,9 +234,9 @@ def test_a_foot_that_hardly_moves_stands_until_it_lifts() -> None:
 
 
 @pytest.mark.parametrize("name", ["anatomical23", "blazepose33", "body_25"])
-def test_both_feet_stand_where_they_are(ring_rig, posed, name) -> None:
+def test_both_feet_stand_where_they_are(ring_rig, name) -> None:
     """Keypoint sets list heels and toes in different orders."""
-    xyz = np.array(posed([BENT], skeleton=name).xyz_world[0, 0])
+    xyz = np.array(sequence_of([BENT], skeleton=name).xyz_world[0, 0])
     body = body_with(skeleton=SKELETONS[name])
     out = followed(body, ring_rig, xyz, 1.0)
     for pose in out[-10:]:

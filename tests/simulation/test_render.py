@@ -104,6 +104,7 @@ live, name = live_scene(scene(cameras={"kind": "ring", "image": {"size_px": [64,
 stage, eye = RenderStage(render_model(live, (64, 48), name), name), live.rig.cameras[0]
 stage.place(np.zeros((0, 7)))
 image, depth = stage.draw(optics_of(eye).view, eye.cam_from_world)
+stage.close()
 print(int(image.mean()), round(float(depth[40, 32]), 2))
 """
 
