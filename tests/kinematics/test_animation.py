@@ -174,6 +174,13 @@ def test_shapes_are_those_of_the_lengths() -> None:
     np.testing.assert_allclose(body.shape_of({}), 0.0)
 
 
+def test_a_tall_person_gets_a_tall_body() -> None:
+    body = template()
+    mean = {name: float(np.linalg.norm(body.points[a] - body.points[b])) for name, (a, b) in length_names().items()}
+    tall = body.vertices + np.tensordot(body.shape_of({name: 1.1 * m for name, m in mean.items()}), body.vertex_shapes, 1)
+    assert np.ptp(tall[:, 2]) > 1.06 * np.ptp(body.vertices[:, 2])
+
+
 def test_the_nose_of_the_mean_body_lies_below_its_ears_by_the_angle_of_the_neck_s_zero() -> None:
     points = template().points
     ahead, _, up = points["nose"] - (points["left_ear"] + points["right_ear"]) / 2

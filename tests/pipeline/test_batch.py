@@ -22,10 +22,10 @@ from posefuse.core import InputError, Rig, silent
 from posefuse.formats.rig import write_rig
 from posefuse.foundation.channel import Channel
 from posefuse.foundation.worker import Worker
-from posefuse.pipeline.batch import find_trials, run_study
+from posefuse.pipeline.batch import find_trials, processes, run_study
 from posefuse.pipeline.batch import study as study_module
 from posefuse.pipeline.batch.page import study_page
-from posefuse.pipeline.batch.processes import default_jobs, outcomes_here, run_trial
+from posefuse.pipeline.batch.processes import outcomes_here, run_trial
 from posefuse.pipeline.batch.tasks import Outcome, Task, run_task
 from posefuse.pipeline.result_folder import ResultFolder, unfinished_work
 
@@ -222,18 +222,14 @@ def test_means_are_of_participants_and_not_of_trials() -> None:
 
 
 def test_at_least_one_trial_fits_into_a_machine(monkeypatch: pytest.MonkeyPatch) -> None:
-    from posefuse.pipeline.batch import processes
-
     monkeypatch.setattr(processes, "usable_cores", lambda: 16)
     for free, jobs in ((None, 1), (1, 1), (5_000_000_000, 2), (10**12, 8)):
         monkeypatch.setattr(processes, "available_memory_bytes", lambda free=free: free)
-        assert default_jobs() == jobs
+        assert processes.default_jobs() == jobs
 
 
 def test_without_a_scheduler_one_line_reports_it(folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     pytest.importorskip("distributed")
-    from posefuse.pipeline.batch import processes
-
     monkeypatch.setattr(processes, "_CONNECT_S", 0.5)
     with pytest.raises(InputError, match="no Dask scheduler answers there"):
         run(folder, tmp_path / "out", scheduler="tcp://127.0.0.1:9", progress=silent)

@@ -384,11 +384,10 @@ COUNT, GOP, DONE = 96, 12, 70
 
 def log_of(steps: list[ImageStep], rig: Rig) -> Observations:
     """Of steps in which no person was found."""
-    found = [tuple(Detections2D.empty(one.camera, one.t_ns, COCO17) for one in step.frames if one) for step in steps]
-    batches = [
-        DetectionBatch(step=i, t_ns=step.t_ns, kind=LookKind.SEARCH, detections=some)
-        for i, (step, some) in enumerate(zip(steps, found, strict=True))
-    ]
+    batches = []
+    for i, step in enumerate(steps):
+        found = tuple(Detections2D.empty(one.camera, one.t_ns, COCO17) for one in step.frames if one)
+        batches.append(DetectionBatch(step=i, t_ns=step.t_ns, kind=LookKind.SEARCH, detections=found))
     return Observations.from_batches(COCO17, rig.names, batches)
 
 
