@@ -5,6 +5,7 @@ import dataclasses
 import sys
 
 import built
+import ezc3d
 import numpy as np
 import pytest
 from checks import refusal
@@ -13,6 +14,7 @@ from figure import sequence_of
 from bench.angle_errors import angle_errors, joints_from_lab, poses_from_lab
 from posefuse.core import DependencyError, InputError, Skeleton
 from posefuse.evaluation.biomechanics import BiomechanicsSettings, joints_of, write_biomechanics
+from posefuse.formats.c3d import C3dData, write_c3d
 from posefuse.formats.mot import read_mot
 from posefuse.kinematics import joints_from_poses
 from posefuse_sim.motion.bvh import read_bvh
@@ -73,8 +75,6 @@ def test_every_file_has_the_same_values(recording, tmp_path, fit):
 
 
 def test_ezc3d_finds_points_and_angles(recording, tmp_path):
-    import ezc3d
-
     write_biomechanics(recording, tmp_path, BiomechanicsSettings(fit="none"))
     file = ezc3d.c3d(str(tmp_path / "points_angles.c3d"))
     labels = file["parameters"]["POINT"]["LABELS"]["value"]
@@ -182,8 +182,6 @@ def test_flexion_agrees_with_a_gait_laboratory(shared_data):
 
 
 def test_a_file_without_the_points_is_refused_with_a_list_of_its_points(tmp_path):
-    from posefuse.formats.c3d import C3dData, write_c3d
-
     data = C3dData(names=("RKNE", "LKNE"), xyz_world=np.zeros((4, 2, 3)), sigma_m=np.zeros((4, 2)), rate_hz=100.0)
     write_c3d(tmp_path / "a.c3d", data)
     refusal(InputError, r"no point PELP; there are: RKNE, LKNE", poses_from_lab, tmp_path / "a.c3d")

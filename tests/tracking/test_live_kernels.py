@@ -1,4 +1,4 @@
-"""Kernels of the live tracker, one at a time."""
+"""The live tracker in parts: its kernels one at a time, depth, and what is learnt from a person's own motion."""
 
 from dataclasses import replace
 
