@@ -45,7 +45,6 @@ PACKAGES = {
         (
             "tests/fusion",
             "tests/laws/test_fuse_laws.py",
-            "tests/laws/test_depth_laws.py",
             "tests/derivatives",
             "tests/oracles/test_fuse_against_opencv.py",
         ),
@@ -56,7 +55,6 @@ PACKAGES = {
             "tests/pipeline",
             "tests/ros/test_live_recording.py",
             "tests/cli/test_interruptions.py",
-            "tests/cli/test_limits.py",
             "tests/truth/test_recorded_pipeline.py",
         ),
     ),

@@ -1,5 +1,6 @@
 """Any time of a recording: the frame that was taken then, and the skeleton in its pixels."""
 
+from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 
@@ -25,34 +26,32 @@ def image_of(jpeg: bytes) -> np.ndarray:
     return cv2.imdecode(np.frombuffer(jpeg, np.uint8), cv2.IMREAD_COLOR)
 
 
-def test_every_time_shows_its_own_frame_in_any_order(saved_walk: Saved) -> None:
+@pytest.fixture
+def played(saved_walk: Saved) -> Iterator[tuple[pf.Recording, Playback]]:
     session, result = saved_walk
     recording = pf.read(result)
     with Playback(recording, session_of_recording(recording, session)) as playback:
-        for i in (0, 29, 7, 8, 3, 15):
-            for c, camera in enumerate(playback.cameras):
-                shown = playback.at(camera, i * PERIOD_NS + PERIOD_NS // 3, 480)
-                assert shown.t_ns == pytest.approx(i * PERIOD_NS, abs=2000)
-                assert abs(np.median(image_of(shown.jpeg)) - grey(c, i)) < 3
+        yield recording, playback
 
 
-def test_keypoints_are_in_the_pixels_of_the_image(saved_walk: Saved) -> None:
-    session, result = saved_walk
-    recording = pf.read(result)
-    with Playback(recording, session_of_recording(recording, session)) as playback:
-        shown = playback.at("cam01", 12 * PERIOD_NS, SIZE_WH[0] // 2)
+def test_every_time_shows_its_own_frame_in_any_order_and_none_beyond_the_video(played: tuple[pf.Recording, Playback]) -> None:
+    _, playback = played
+    for i in (0, 29, 7, 8, 3, 15):
+        for c, camera in enumerate(playback.cameras):
+            shown = playback.at(camera, i * PERIOD_NS + PERIOD_NS // 3, 480)
+            assert shown.t_ns == pytest.approx(i * PERIOD_NS, abs=2000)
+            assert abs(np.median(image_of(shown.jpeg)) - grey(c, i)) < 3
+    assert playback.at("cam00", (COUNT + 3) * PERIOD_NS, 480) is None
+    assert playback.step_at(10**12) == COUNT - 1
+
+
+def test_keypoints_are_in_the_pixels_of_the_image(played: tuple[pf.Recording, Playback]) -> None:
+    recording, playback = played
+    shown = playback.at("cam01", 12 * PERIOD_NS, SIZE_WH[0] // 2)
     assert shown.size_wh == (SIZE_WH[0] // 2, SIZE_WH[1] // 2)
     exact = recording.rig["cam01"].scaled(shown.size_wh).project(recording.poses.xyz_world[12])
     np.testing.assert_allclose(shown.projected_px, exact, atol=1e-9)
     np.testing.assert_allclose(shown.detected_px, exact, atol=1e-3)
-
-
-def test_beyond_the_video_there_is_no_frame(saved_walk: Saved) -> None:
-    session, result = saved_walk
-    recording = pf.read(result)
-    with Playback(recording, session_of_recording(recording, session)) as playback:
-        assert playback.at("cam00", (COUNT + 3) * PERIOD_NS, 480) is None
-        assert playback.step_at(10**12) == COUNT - 1
 
 
 def test_without_videos_and_with_a_damaged_one_the_rest_is_shown(saved_walk: Saved) -> None:
@@ -111,9 +110,8 @@ def test_videos_of_a_live_session_are_on_the_time_of_its_recording(tmp_path: Pat
     with Playback(solved, session_with_videos(solved, tmp_path / "a-edited", tmp_path)) as playback:
         t_ns = int(solved.poses.t_ns[5])
         step = playback.at(playback.cameras[1], t_ns, 480)
-        assert (
-            abs(step.t_ns - t_ns) < PERIOD_NS and abs(np.median(image_of(step.jpeg)) - grey(1, round(t_ns / PERIOD_NS) + 3)) < 4
-        )
+        assert abs(step.t_ns - t_ns) < PERIOD_NS
+        assert abs(np.median(image_of(step.jpeg)) - grey(1, round(t_ns / PERIOD_NS) + 3)) < 4
     assert session_with_videos(recording, path, tmp_path / "other") is None
     # files of other formats are drawn on them, too
     drawn = {}

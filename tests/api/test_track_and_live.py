@@ -82,20 +82,16 @@ def test_poses_come_while_the_session_runs(demo_session: Path, models: None) -> 
 
 
 @pytest.mark.realtime
-def test_a_camera_that_cannot_be_opened_is_reported_at_the_start_and_nothing_is_left_behind(
-    demo_session: Path, models: None
-) -> None:
+def test_a_camera_that_cannot_be_opened_is_reported_at_the_start_and_nothing_is_left_behind(demo_session, models) -> None:
     rig = pf.read_rig(demo_session / "rig.toml")
     before = set(threading.enumerate())
-    with (
-        pytest.raises(SourceError, match=r"nowhere\.mp4"),
-        pf.live(rig, dict.fromkeys(rig.names, "video:nowhere.mp4")) as session,
-    ):
+    nowhere = dict.fromkeys(rig.names, "video:nowhere.mp4")
+    with pytest.raises(SourceError, match=r"nowhere\.mp4"), pf.live(rig, nowhere):
         pass
     end_s = time.monotonic() + 10
     while set(threading.enumerate()) - before and time.monotonic() < end_s:
         time.sleep(0.05)
     assert not set(threading.enumerate()) - before
-    session = pf.live(rig, dict.fromkeys(rig.names, "video:nowhere.mp4"))
+    session = pf.live(rig, nowhere)
     session.close()
     session.close()

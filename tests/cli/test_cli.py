@@ -119,9 +119,7 @@ def test_the_wheel_brings_the_clip_and_stays_small() -> None:
     root = Path(__file__).resolve().parents[2]
     content = tomllib.loads((root / "pyproject.toml").read_text())["tool"]["hatch"]["build"]["targets"]["wheel"]["force-include"]
     assert set(content.values()) == {"posefuse/demo_clip/rig.toml", "posefuse/demo_clip/videos"}
-    brought = [
-        file for source in content for file in ([root / source] if (root / source).is_file() else (root / source).iterdir())
-    ]
+    brought = [file for source in content for file in [root / source, *(root / source).glob("*")] if file.is_file()]
     assert sum(file.stat().st_size for file in brought) < 2_000_000
 
 
@@ -145,9 +143,7 @@ def test_models_can_be_checked_without_a_network(tmp_path: Path, monkeypatch: py
         (["models", "--from", "none"], "none: no such archive, model file or folder"),
     ],
 )
-def test_a_known_error_is_one_line_and_exit_1(
-    argv: list[str], part: str, capsys, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_known_error_is_one_line_and_exit_1(argv: list[str], part: str, capsys, tmp_path, monkeypatch) -> None:
     if argv[0] == "view":
         pytest.importorskip("rerun", reason="the extra `viewer` is not installed")
     monkeypatch.chdir(tmp_path)
@@ -179,9 +175,7 @@ def test_a_bug_prints_a_trace_and_exits_2(monkeypatch: pytest.MonkeyPatch, capsy
 
 
 @pytest.mark.parametrize("request_", [signal.SIGINT, *REQUESTS_TO_END])
-def test_a_request_to_end_is_reported_and_exits_with_its_code(
-    request_: signal.Signals, monkeypatch: pytest.MonkeyPatch, capsys
-) -> None:
+def test_a_request_to_end_is_reported_and_exits_with_its_code(request_: signal.Signals, monkeypatch, capsys) -> None:
     before, name = signal.getsignal(request_), "Ctrl-C" if request_ == signal.SIGINT else request_.name
     in_place_of_plugins(monkeypatch, lambda: signal.raise_signal(request_) or {})
     assert run(capsys, "plugins")[::2] == (128 + request_, f"posefuse plugins: stopped by {name}\n")
@@ -300,9 +294,7 @@ def test_a_session_that_was_stopped_before_it_began_has_no_figures_of_nothing(ca
 
 
 @pytest.mark.parametrize("request_", ["SIGINT", "SIGTERM"])
-def test_a_request_to_end_that_comes_in_a_destructor_is_neither_printed_nor_lost(
-    request_: str, capsys: pytest.CaptureFixture
-) -> None:
+def test_a_request_to_end_that_comes_in_a_destructor_is_neither_printed_nor_lost(request_: str, capsys) -> None:
     class Asked:
         def __del__(self) -> None:
             signal.raise_signal(signal.Signals[request_])

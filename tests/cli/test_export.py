@@ -1,19 +1,22 @@
 """`posefuse export`: files of other programs from a result and from a live session; one output that fails costs no other."""
 
 import json
+import shlex
 import shutil
 from collections.abc import Callable
 from pathlib import Path
 
 import pytest
-from commands import error, tracked
+from commands import as_options, error, tracked
 from running import python
+from studies import SETTINGS, write_session
 
 import posefuse as pf
 from posefuse.cli.main import main
 from posefuse.core import InputError, Rig
 from posefuse.core.live_messages import LivePose, LiveStart
 from posefuse.formats.recording import read_recording
+from posefuse.formats.rig import write_rig
 from posefuse.outputs.rerun import FILE
 from posefuse.pipeline.writing import nearby_session, session_of_recording
 from posefuse_ros.mcap_output import RecordConfig
@@ -57,9 +60,7 @@ def test_a_result_is_never_written_over(result: Path, capsys: pytest.CaptureFixt
     assert {path: path.read_bytes() for path in result.iterdir()} == before
 
 
-def test_a_live_session_gives_files_and_an_output_that_fails_is_named(
-    live: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_live_session_gives_files_and_an_output_that_fails_is_named(live, tmp_path, capsys) -> None:
     out = tmp_path / "files"
     assert main(["export", str(live), "--out", str(out), "--outputs", "trc,c3d", "--json"]) == 1
     printed = capsys.readouterr()
@@ -73,9 +74,7 @@ def test_a_live_session_gives_files_and_an_output_that_fails_is_named(
     assert (tmp_path / "python" / "pose.trc").read_bytes() == (out / "pose.trc").read_bytes()
 
 
-def test_an_export_of_which_nothing_can_be_written_leaves_no_folder(
-    live: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_an_export_of_which_nothing_can_be_written_leaves_no_folder(live, tmp_path, capsys) -> None:
     assert "evenly spaced" in error(capsys, "export", live, "--out", tmp_path / "files", "--outputs", "c3d")
     assert not (tmp_path / "files").exists()
     assert "no plug-in 'nothing'" in error(capsys, "export", live, "--out", tmp_path / "files", "--outputs", "trc,nothing")
@@ -116,9 +115,7 @@ def test_images_of_a_session_near_the_result_are_shown(study: Path, result: str,
     assert images_shown(study / result, None, monkeypatch)
 
 
-def test_a_session_elsewhere_is_named_or_missed(
-    study: Path, demo_session: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_session_elsewhere_is_named_or_missed(study, demo_session, tmp_path, monkeypatch, capsys) -> None:
     result = Path(shutil.copytree(study / "result", tmp_path / "alone"))
     monkeypatch.chdir(tmp_path)
     assert not images_shown(result, None, monkeypatch)
@@ -145,3 +142,37 @@ def test_a_stored_view_is_shown_as_it_is(study: Path, tmp_path: Path, monkeypatc
     monkeypatch.setattr("posefuse.outputs.rerun.open_in_viewer", lambda path: shown.append(path.read_bytes()))
     assert main(["view", str(result)]) == 0
     assert shown == [b"made before"]
+
+
+# --- names of folders and files may have letters of all languages, spaces and brackets, in every command that takes them
+
+
+@pytest.mark.parametrize("name", ["Käthe Müller [red] (a)", "a b's #1 走 100%"])
+def test_a_name_of_any_letters_works_in_every_command(name: str, tmp_path, ring_rig, capsys, monkeypatch) -> None:
+    monkeypatch.setenv("COLUMNS", "400")
+    study, rig = tmp_path / name, ring_rig(3)
+    session = study / "P01" / name
+    write_session(session, rig)
+    write_rig(session / "rig.toml", rig)
+    result, other = tmp_path / f"{name} result", tmp_path / f"{name} other"
+    settings = as_options(SETTINGS)
+    commands = {
+        "track": (session, "--out", result, "--names", name, "--outputs", "trc,csv,overview", *settings),
+        "again": (result, "--out", other),
+        "export": (result, "--out", tmp_path / f"{name} files", "--outputs", "c3d,trc"),
+        "compare": (result, other, "--out", tmp_path / f"{name} comparison"),
+        "report": (result, "--fit", "none", "--title", name),
+        "batch": (study, "--out", tmp_path / f"{name} study", "--no-report", "--jobs", "1", *settings),
+    }
+    for command, words in commands.items():
+        assert main(["solve" if command == "again" else command, *map(str, words)]) == 0, (command, capsys.readouterr().err)
+        shown = capsys.readouterr()
+        assert name in shown.out + shown.err, command
+        for line in (one for one in (shown.out + shown.err).splitlines() if one.startswith("next: posefuse ")):
+            typed = shlex.split(line.removeprefix("next: ").partition("  (")[0])
+            assert all(Path(word).exists() for word in typed if word.startswith(str(tmp_path))), line
+    assert name in (result / "biomechanics" / "report.html").read_text(encoding="utf-8").replace("&#39;", "'")
+    board = tmp_path / f"{name}.pdf"
+    assert main(["calibrate", "print", "--cube", "--marker-mm", "60", "--out", str(board)]) == 0 and board.is_file()
+    shutil.copy(session / "rig.toml", tmp_path / f"{name}.toml")
+    assert main(["track", str(session), "--rig", str(tmp_path / f"{name}.toml"), "--out", str(other), "--force", *settings]) == 0

@@ -142,9 +142,8 @@ def test_detections_are_kept_and_resume_gives_the_same_bytes(track: Tracker, tmp
         assert "No space left on device" in ended.stderr.splitlines()[-1] and "Traceback" not in ended.stderr
     refused = track(out)
     assert refused.returncode == 1
-    assert refused.stderr.strip().endswith(
-        "an earlier run was interrupted; --resume continues it, --force starts from the beginning"
-    )
+    said = "an earlier run was interrupted; --resume continues it, --force starts from the beginning"
+    assert refused.stderr.strip().endswith(said)
     check_completed(track, out)
 
 
@@ -203,10 +202,8 @@ def test_of_a_calibration_that_fits_no_pair_of_cameras_the_detections_are_kept(t
     write_rig(own / "rig.toml", replace(rig, cameras=tuple(cameras)))
     done = track(tmp_path / "result", session=own)
     assert done.returncode == 1
-    assert re.search(
-        r"a person was found in \d+ frames of cam00, .* but no two agree: is the calibration the one of these videos\?$",
-        done.stderr.splitlines()[-1],
-    ), done.stderr
+    said = r"a person was found in \d+ frames of cam00, .* but no two agree: is the calibration the one of these videos\?$"
+    assert re.search(said, done.stderr.splitlines()[-1]), done.stderr
     assert "no person found" not in done.stderr and "the detections made so far are kept" in done.stderr
     [left] = find_unfinished(tmp_path / "result")
     assert read_log(left / LOG_FILE).batches

@@ -102,9 +102,7 @@ def sent(run: Try, number: signal.Signals) -> None:
 
 
 @pytest.mark.parametrize("name", COMMANDS)
-def test_an_interrupted_command_ends_quietly_and_loses_nothing_and_a_next_run_works(
-    name: str, inputs: Path, tmp_path: Path
-) -> None:
+def test_an_interrupted_command_ends_quietly_and_loses_nothing_and_a_next_run_works(name: str, inputs, tmp_path) -> None:
     words, before, rng = COMMANDS[name], tree(inputs), random.Random(name)
     began_s = time.monotonic()
     whole = started(words, inputs, tmp_path / "whole")

@@ -62,9 +62,7 @@ def test_a_session_is_not_tracked_into_itself(demo_session: Path, tmp_path: Path
 
 @pytest.mark.parametrize(("scene", "reason"), [("p/scene.yaml", "contains the input"), ("scene.yaml", "raw.bin")])
 @pytest.mark.parametrize("force", [[], ["--force"]])
-def test_a_scene_is_not_simulated_over_files_of_the_user(
-    tmp_path: Path, capsys, force: list[str], scene: str, reason: str
-) -> None:
+def test_a_scene_is_not_simulated_over_files_of_the_user(tmp_path, capsys, force: list[str], scene: str, reason: str) -> None:
     (tmp_path / "p").mkdir()
     (tmp_path / "p" / "raw.bin").write_text("the user's")
     (tmp_path / scene).write_text("duration_s: 1\ncameras: {kind: ring}\n")

@@ -1,32 +1,22 @@
 import numpy as np
 import pytest
+from built import camera
 
-from posefuse.core import SE3, Camera, Rig
+from posefuse.core import SE3, Rig
 from posefuse.fusion.kernels import lens, point
 from posefuse.fusion.kernels.packed import packed_rig
 
 K = np.array([[700.0, 3.0, 320.0], [0, 690.0, 240.0], [0, 0, 1]])
 POSE = SE3.from_rotvec([0.1, -0.2, 0.3], [0.1, 0.2, 3.0])
 BROWN = [-0.2, 0.05, 0.001, -0.002, 0.01, 0.02, -0.01, 0.005, 0.001, -0.002, 0.003, -0.001, 0.02, -0.03]
-CAMERAS = [
-    Camera(name=f"c{n}", size_wh=(640, 480), K=K, cam_from_world=POSE, distortion=np.array(BROWN[:n]))
-    for n in (0, 4, 5, 8, 12, 14)
-] + [
-    Camera(
-        name="fish",
-        size_wh=(640, 480),
-        K=K,
-        cam_from_world=POSE,
-        distortion=np.array([-0.03, 0.01, -0.004, 0.001]),
-        model="fisheye",
-    )
-]
+CAMERAS = [camera(K, BROWN[:n], POSE, name=f"c{n}") for n in (0, 4, 5, 8, 12, 14)]
+CAMERAS += [camera(K, [-0.03, 0.01, -0.004, 0.001], POSE, name="fish", model="fisheye")]
 POINTS = np.random.default_rng(0).uniform(-0.35, 0.35, (11, 2))
 
 
-@pytest.mark.parametrize("camera", CAMERAS, ids=lambda c: c.name)
-def test_lens_derivatives(camera):
-    packed = packed_rig(Rig((camera,)))[0]
+@pytest.mark.parametrize("seen_by", CAMERAS, ids=lambda c: c.name)
+def test_lens_derivatives(seen_by):
+    packed = packed_rig(Rig((seen_by,)))[0]
     step = 1e-6
     for x, y in POINTS:
         numeric = np.empty((2, 2))
@@ -44,53 +34,46 @@ def looked(rig: Rig, xy: np.ndarray, sigma: float) -> np.ndarray:
     return views
 
 
+TRUTH = np.array([0.3, -0.2, 1.2])
+
+
+@pytest.fixture(scope="module")
+def rig(ring_rig):
+    return ring_rig(4, distortion=(-0.2, 0.05, 0.001, -0.002))
+
+
+def systems(rig, views, step_m, *planes):
+    """What `normal_system` makes of the views at TRUTH, and the derivatives of half the loss (3,) and of its gradient (3, 3)."""
+    cams, system, ahead, behind = packed_rig(rig), np.empty(9), np.empty(9), np.empty(9)
+    point.normal_system(cams, views, 4, TRUTH, system, *planes)
+    gradient, information = np.empty(3), np.empty((3, 3))
+    for i, step in enumerate(np.eye(3) * step_m):
+        more = point.normal_system(cams, views, 4, TRUTH + step, ahead, *planes)
+        less = point.normal_system(cams, views, 4, TRUTH - step, behind, *planes)
+        gradient[i], information[i] = (more - less) / (4 * step_m), (ahead[6:] - behind[6:]) / (2 * step_m)
+    return system, gradient, information
+
+
 @pytest.mark.parametrize("sigma", [50.0, 1.0])
-def test_gradient_of_the_robust_loss(ring_rig, sigma):
+def test_gradient_of_the_robust_loss(rig, sigma):
     """Half the gradient of the loss, in its quadratic (large sigma) and its bounded part (small sigma)."""
-    rig = ring_rig(4, distortion=(-0.2, 0.05, 0.001, -0.002))
-    truth = np.array([0.3, -0.2, 1.2])
-    views = looked(rig, rig.project(truth) + np.random.default_rng(1).normal(size=(4, 2)) * 8, sigma)
-    system, scratch = np.empty(9), np.empty(9)
-    cams = packed_rig(rig)
-    point.normal_system(cams, views, 4, truth, system)
-    numeric = np.empty(3)
-    for i, step in enumerate(np.eye(3) * 1e-6):
-        ahead = point.normal_system(cams, views, 4, truth + step, scratch)
-        behind = point.normal_system(cams, views, 4, truth - step, scratch)
-        numeric[i] = (ahead - behind) / 4e-6
-    np.testing.assert_allclose(system[6:], numeric, rtol=1e-5)
+    views = looked(rig, rig.project(TRUTH) + np.random.default_rng(1).normal(size=(4, 2)) * 8, sigma)
+    system, gradient, _ = systems(rig, views, 1e-6)
+    np.testing.assert_allclose(system[6:], gradient, rtol=1e-5)
 
 
 @pytest.mark.parametrize("sigma_m", [1.0, 0.01], ids=["quadratic", "bounded"])
-def test_gradient_and_information_of_depth(ring_rig, sigma_m):
+def test_gradient_and_information_of_depth(rig, sigma_m):
     """Of the rows of depth alone: those of the rays have next to no weight."""
-    rig = ring_rig(4, distortion=(-0.2, 0.05, 0.001, -0.002))
-    truth, cams = np.array([0.3, -0.2, 1.2]), packed_rig(rig)
-    views = looked(rig, rig.project(truth), 1e9)
-    depth = np.array([(camera.cam_from_world @ truth)[2] for camera in rig]) + [0.1, -0.07, 0.0, 0.05]
+    views = looked(rig, rig.project(TRUTH), 1e9)
+    depth = np.array([(one.cam_from_world @ TRUTH)[2] for one in rig]) + [0.1, -0.07, 0.0, 0.05]
     planes = np.stack([depth, [1 / sigma_m, 2 / sigma_m, 0.0, 1 / sigma_m]], axis=1)
-    system, ahead, behind = np.empty(9), np.empty(9), np.empty(9)
-    point.normal_system(cams, views, 4, truth, system, planes)
-    gradient, information = np.empty(3), np.empty((3, 3))
-    for i, step in enumerate(np.eye(3) * 1e-6):
-        more = point.normal_system(cams, views, 4, truth + step, ahead, planes)
-        less = point.normal_system(cams, views, 4, truth - step, behind, planes)
-        gradient[i], information[i] = (more - less) / 4e-6, (ahead[6:] - behind[6:]) / 2e-6
+    system, gradient, information = systems(rig, views, 1e-6, planes)
     np.testing.assert_allclose(system[6:], gradient, rtol=1e-5, atol=1e-7)
     if sigma_m == 1.0:
         np.testing.assert_allclose(system[:6], information[np.triu_indices(3)], rtol=1e-5, atol=1e-7)
 
 
-def test_information_is_the_second_derivative_where_residuals_vanish(ring_rig):
-    rig = ring_rig(4, distortion=(-0.2, 0.05, 0.001, -0.002))
-    truth = np.array([0.3, -0.2, 1.2])
-    views = looked(rig, rig.project(truth), 2.0)
-    cams, system, ahead, behind = packed_rig(rig), np.empty(9), np.empty(9), np.empty(9)
-    point.normal_system(cams, views, 4, truth, system)
-    numeric = np.empty((3, 3))
-    for i, step in enumerate(np.eye(3) * 1e-5):
-        point.normal_system(cams, views, 4, truth + step, ahead)
-        point.normal_system(cams, views, 4, truth - step, behind)
-        numeric[i] = (ahead[6:] - behind[6:]) / 2e-5
-    upper = numeric[np.triu_indices(3)]
-    np.testing.assert_allclose(system[:6], upper, rtol=1e-5, atol=1e-3)
+def test_information_is_the_second_derivative_where_residuals_vanish(rig):
+    system, _, information = systems(rig, looked(rig, rig.project(TRUTH), 2.0), 1e-5)
+    np.testing.assert_allclose(system[:6], information[np.triu_indices(3)], rtol=1e-5, atol=1e-3)

@@ -5,6 +5,7 @@ import dataclasses
 import sys
 
 import built
+import ezc3d
 import numpy as np
 import pytest
 from checks import refusal
@@ -13,6 +14,7 @@ from figure import sequence_of
 from bench.angle_errors import angle_errors, joints_from_lab, poses_from_lab
 from posefuse.core import DependencyError, InputError, Skeleton
 from posefuse.evaluation.biomechanics import BiomechanicsSettings, joints_of, write_biomechanics
+from posefuse.formats.c3d import C3dData, write_c3d
 from posefuse.formats.mot import read_mot
 from posefuse.kinematics import joints_from_poses
 from posefuse_sim.motion.bvh import read_bvh
@@ -73,8 +75,6 @@ def test_every_file_has_the_same_values(recording, tmp_path, fit):
 
 
 def test_ezc3d_finds_points_and_angles(recording, tmp_path):
-    import ezc3d
-
     write_biomechanics(recording, tmp_path, BiomechanicsSettings(fit="none"))
     file = ezc3d.c3d(str(tmp_path / "points_angles.c3d"))
     labels = file["parameters"]["POINT"]["LABELS"]["value"]
@@ -103,8 +103,7 @@ def test_several_people_have_files_of_their_own(recording, tmp_path):
 
 def test_a_missing_opensim_is_named_and_leaves_no_folder(recording, tmp_path, monkeypatch):
     monkeypatch.setitem(sys.modules, "opensim", None)
-    with pytest.raises(DependencyError, match="biomech"):
-        write_biomechanics(recording, tmp_path, BiomechanicsSettings(fit="none", opensim=True))
+    refusal(DependencyError, "biomech", write_biomechanics, recording, tmp_path, BiomechanicsSettings(fit="none", opensim=True))
     assert not (tmp_path / "opensim").exists()
 
 
@@ -117,13 +116,10 @@ def test_one_time_step_has_angles_and_no_animation(recording, tmp_path):
 
 
 def test_a_person_without_skeleton_files_is_named_with_the_reason(recording, tmp_path):
-    xyz = recording.poses.xyz_world.copy()
-    xyz[3:21] = np.nan
     said = []
-    gone = dataclasses.replace(recording, poses=dataclasses.replace(recording.poses, xyz_world=xyz))
-    made = write_biomechanics(
-        gone, tmp_path, BiomechanicsSettings(fit="none"), progress=lambda stage, done, total, line="": said.append(line)
-    )
+    away = built.unseen(recording.poses, *recording.poses.skeleton.keypoints, steps=slice(3, 21))
+    gone, chosen = dataclasses.replace(recording, poses=away), BiomechanicsSettings(fit="none")
+    made = write_biomechanics(gone, tmp_path, chosen, progress=lambda stage, done, total, line="": said.append(line))
     assert not [path for path in made if path.suffix in (".bvh", ".glb")]
     assert any("no skeleton.bvh and .glb: segment pelvis is missing from 0.07 to 0.70 s" in line for line in said)
 
@@ -186,11 +182,7 @@ def test_flexion_agrees_with_a_gait_laboratory(shared_data):
 
 
 def test_a_file_without_the_points_is_refused_with_a_list_of_its_points(tmp_path):
-    from posefuse.formats.c3d import C3dData, write_c3d
-
-    write_c3d(
-        tmp_path / "a.c3d",
-        C3dData(names=("RKNE", "LKNE"), xyz_world=np.zeros((4, 2, 3)), sigma_m=np.zeros((4, 2)), rate_hz=100.0),
-    )
+    data = C3dData(names=("RKNE", "LKNE"), xyz_world=np.zeros((4, 2, 3)), sigma_m=np.zeros((4, 2)), rate_hz=100.0)
+    write_c3d(tmp_path / "a.c3d", data)
     refusal(InputError, r"no point PELP; there are: RKNE, LKNE", poses_from_lab, tmp_path / "a.c3d")
     refusal(InputError, "no angles LHipAngles", joints_from_lab, tmp_path / "a.c3d")

@@ -1,13 +1,13 @@
 """Fits to people known exactly: laws are recovered, sets get what they can tell, and the command writes what it fitted."""
 
-from collections.abc import Callable
 from pathlib import Path
 
+import built
 import numpy as np
 import pytest
 from commands import figures
 
-from posefuse.core import SKELETONS, CameraTruth, Rig, Truth
+from posefuse.core import SKELETONS, Rig
 from posefuse.detection.card import read_card
 from posefuse.detection.noise import FEATURES, read_noise
 from posefuse.formats.joint_centres import read_joint_centres
@@ -44,9 +44,8 @@ def test_a_noise_model_is_right_about_scenes_it_was_not_fitted_to(tmp_path):
     path = tmp_path / "x.noise.toml"
     path.write_text(noise_text(fit.noise))
     again = read_noise(path)
-    assert again.weights == pytest.approx(fit.noise.weights, abs=1e-4) and again.offset == pytest.approx(
-        fit.noise.offset, abs=1e-4
-    )
+    assert again.weights == pytest.approx(fit.noise.weights, abs=1e-4)
+    assert again.offset == pytest.approx(fit.noise.offset, abs=1e-4)
 
 
 def test_a_keypoint_that_is_missing_now_and_then_is_fitted_from_the_others():
@@ -80,21 +79,12 @@ def scene(folder: Path, rig: Rig, turned_rad: float) -> None:
         exact[:, 0, wrist] += 0.04 * along / np.linalg.norm(along, axis=-1, keepdims=True)
     exact[:, 0, len(discs.SKELETON) :] = xyz[:, -1:]
     t_ns = np.round(np.arange(len(xyz)) / discs.RATE_HZ * 1e9).astype(np.int64)
-    views = tuple(
-        CameraTruth(camera=camera.name, t_ns=t_ns, xy_img=camera.project(exact), visible=np.full(exact.shape[:3], True))
-        for camera in rig
-    )
     (folder / "truth").mkdir(parents=True)
-    write_truth(
-        folder / "truth" / "truth.npz",
-        Truth(rig=rig, t_ns=t_ns, skeleton=truth_set, person_id=np.arange(1), xyz_world=exact, views=views),
-    )
+    write_truth(folder / "truth" / "truth.npz", built.truth(rig, exact, t_ns, truth_set))
     write_rig(folder / "rig.toml", rig)
 
 
-def test_the_command_fits_a_card_on_scenes_that_are_there(
-    ring_rig: Callable[..., Rig], tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_the_command_fits_a_card_on_scenes_that_are_there(ring_rig, tmp_path, capsys) -> None:
     rig = ring_rig(4, size_wh=(720, 560))
     for place, turned_rad in (("everyday", 0.0), ("moving", 1.0)):
         scene(tmp_path / "scenes" / place / "scene00", rig, turned_rad)

@@ -170,10 +170,8 @@ def test_the_mean_cycle_is_the_mean_of_the_strides(read_page, tmp_path, ring_rig
     [plot] = [one for one in reported(read_page, tmp_path, recording).data["plots"] if one["title"] == "Hip flexion"
               and one["x"] != "s"]  # fmt: skip
     q, t_s = joints.joints.index("right_hip"), recording.poses.t_ns / 1e9
-    strikes = gait.strike_s["right"]
-    strides = [
-        np.interp(a + (b - a) * PERCENT / 100, t_s, np.degrees(joints.angle_rad[:, 0, q, 0])) for a, b in pairwise(strikes)
-    ]
+    hip_deg, strikes = np.degrees(joints.angle_rad[:, 0, q, 0]), gait.strike_s["right"]
+    strides = [np.interp(a + (b - a) * PERCENT / 100, t_s, hip_deg) for a, b in pairwise(strikes)]
     [mean] = [one for one in plot["series"] if one["type"] == "line" and one["colour"] == "right" and "faint" not in one]
     [band] = [one for one in plot["series"] if one["type"] == "band" and one["colour"] == "right"]
     faint = [one for one in plot["series"] if one.get("faint") and one["colour"] == "right"]
@@ -191,9 +189,8 @@ def test_cycles_leave_out_pauses_and_what_is_not_known(ring_rig):
     joints, gait = joints_from_poses(recording.poses), gait_from_poses(recording.poses)
     whole = {one.joint: one for one in gait_cycles(joints, 0, gait) if one.angle == "flexion"}
     assert len(whole["left_knee"].angle_rad) == len(whole["right_knee"].angle_rad) - 1
-    assert not any(
-        begin < 200 / 60 < end for begin, end in zip(whole["left_knee"].begin_s, whole["left_knee"].end_s, strict=True)
-    )
+    knee = whole["left_knee"]
+    assert not any(begin < 200 / 60 < end for begin, end in zip(knee.begin_s, knee.end_s, strict=True))
     strikes = {side: np.concatenate([times, times[-1:] + 4.0]) for side, times in gait.strike_s.items()}
     object.__setattr__(gait, "strike_s", strikes)
     again = {one.joint: one for one in gait_cycles(joints, 0, gait) if one.angle == "flexion"}
@@ -273,7 +270,7 @@ def test_quality_counts_what_was_measured(ring_rig):
 
 
 @pytest.mark.parametrize(("left_m", "right_m", "stated"), [(0.66, 0.54, "+20"), (0.54, 0.66, "-20"), (0.599, 0.6, "+0")])
-def test_a_side_that_takes_longer_steps_is_stated(read_page, tmp_path, ring_rig, left_m, right_m, stated):
+def test_a_side_that_takes_longer_steps_is_stated(ring_rig, left_m, right_m, stated):
     xyz, t_ns = walker()
     gait = gait_from_poses(recording_of(ring_rig, xyz, t_ns).poses)
     longer = replace(gait, step_length_m={**gait.step_length_m, "left": Spread(left_m, 0.0, 3), "right": Spread(right_m, 0.0, 3)})

@@ -7,6 +7,7 @@ import pytest
 from checks import refusal
 
 import posefuse as pf
+from posefuse.cli.main import main
 from posefuse.core import SE3, InputError, Rig
 from posefuse.fusion import FuseSettings, triangulate
 from posefuse_sim.rig_plan import covariance, plan_rig
@@ -69,8 +70,6 @@ def test_too_many_points_are_refused_with_a_remedy(ring_rig: Callable[..., Rig])
 
 
 def test_a_scene_file_is_planned_without_rendering(tmp_path, capsys) -> None:
-    from posefuse.cli.main import main
-
     scene = tmp_path / "scene.yaml"
     scene.write_text("duration_s: 1\ncameras: {kind: ring, count: 4}\nroom: {size_m: [10.0, 10.0]}\n")
     plan = pf.plan(scene, area_m=(3.0, 2.0))

@@ -1,14 +1,19 @@
+"""Points out of views: exact through every lens, weighted as the paper weights, and not pulled by what is wrong."""
+
+import re
 from dataclasses import replace
 
 import numpy as np
 import pytest
-from built import turned
+from built import standing, turned
 from checks import refusal
 
 from posefuse.core import SE3, SKELETONS, ConfigError, Rig, ShapeError
 from posefuse.fusion import WEIGHTS, FuseSettings, triangulate
 from posefuse.fusion.kernels.robust import middle_residual
+from posefuse.fusion.triangulation import SEGMENT_OF, SEGMENTS, distance_weight, full_weight, side_view
 
+COCO, STANDING = SKELETONS["coco17"], standing()
 LENSES = {
     0: (),
     4: (-0.2, 0.05, 0.001, -0.002),
@@ -91,11 +96,11 @@ def test_the_weights_of_the_settings_count_unless_others_are_named(ring_rig):
     assert not np.array_equal(triangulate(rig, xy, score).xyz, by_score)
 
 
-def test_all_weighs_distance_and_side_view_of_the_first_pass(ring_rig, standing):
+def test_all_weighs_distance_and_side_view_of_the_first_pass(ring_rig):
     rig = ring_rig(5, radius_m=3.0)
     rig = Rig((*rig.cameras[:4], ring_rig(5, radius_m=10.0).cameras[4]))
-    skeleton = SKELETONS["coco17"]
-    xy = pixels(rig, standing, 6.0)
+    skeleton = COCO
+    xy = pixels(rig, STANDING, 6.0)
     score = np.random.default_rng(5).uniform(0.5, 1.0, xy.shape[:-1])
     settings = FuseSettings(distance_min_m=2.0, distance_max_m=5.0, distance_fall_m=10.0)
     found = triangulate(rig, xy, score, weights="all", skeleton=skeleton, settings=settings).xyz
@@ -213,12 +218,12 @@ def test_errors_say_what_was_expected(ring_rig):
 
 
 @pytest.mark.parametrize("weights", WEIGHTS)
-def test_input_is_left_as_it_was(ring_rig, weights, standing):
+def test_input_is_left_as_it_was(ring_rig, weights):
     rig = ring_rig(4)
-    xy = pixels(rig, standing)
+    xy = pixels(rig, STANDING)
     score = np.full(xy.shape[:-1], np.nan)
     before = xy.copy()
-    triangulate(rig, xy, score, weights=weights, skeleton=SKELETONS["coco17"])
+    triangulate(rig, xy, score, weights=weights, skeleton=COCO)
     np.testing.assert_array_equal(xy, before)
     assert np.isnan(score).all()
 
@@ -237,3 +242,54 @@ def test_two_pairs_of_views_that_say_different_things_are_no_point(ring_rig):
         else:
             np.testing.assert_allclose(found.xyz, truth, atol=1e-6)
             assert found.n_views.tolist() == [3]
+
+
+# --- weights
+
+
+def test_distance_weight_is_a_trapezoid():
+    settings = FuseSettings(distance_min_m=2, distance_max_m=5, distance_fall_m=2)
+    away = np.array([0.0, 1.0, 2.0, 3.0, 5.0, 6.0, 7.0, 9.0])
+    np.testing.assert_allclose(distance_weight(away, settings), [0, 0.5, 1, 1, 1, 0.5, 0, 0])
+
+
+def test_side_view_is_large_across_and_small_along_the_optical_axis(ring_rig):
+    rig, skeleton = ring_rig(3), COCO
+    pose = STANDING.copy()
+    elbow, wrist = skeleton.index("left_elbow"), skeleton.index("left_wrist")
+    optical = rig.cameras[1].cam_from_world.matrix()[2]
+    pose[elbow] = pose[wrist] + 0.25 * optical
+    assert side_view(rig, skeleton, pose)[1, wrist] == pytest.approx(0, abs=1e-12)
+    pose[elbow] = pose[wrist] + 0.25 * rig.cameras[1].cam_from_world.matrix()[0]
+    assert side_view(rig, skeleton, pose)[1, wrist] == pytest.approx(1, abs=1e-12)
+    assert (side_view(rig, skeleton, pose)[:, skeleton.index("nose")] == 1).all()
+    with_segment = [name in SEGMENT_OF for name in skeleton.keypoints]
+    assert ((side_view(rig, skeleton, STANDING) < 1).any(axis=0) == with_segment).all()
+
+
+def test_a_missing_segment_leaves_distance_alone_to_decide(ring_rig):
+    rig, skeleton = ring_rig(3), COCO
+    wrist = skeleton.index("left_wrist")
+    pose = STANDING.copy()
+    pose[skeleton.index("left_elbow")] = np.nan
+    settings = FuseSettings(distance_min_m=0.5, distance_max_m=1.0, distance_fall_m=10.0)
+    away = np.linalg.norm(pose[wrist] - rig.centres_world(), axis=-1)
+    weight = full_weight(rig, skeleton, np.full((3, 17), 0.8), pose, settings)
+    np.testing.assert_allclose(weight[:, wrist], 0.64 * distance_weight(away, settings))
+    pose[wrist] = np.nan
+    np.testing.assert_allclose(full_weight(rig, skeleton, np.full((3, 17), 0.8), pose, settings)[:, wrist], 0.64)
+
+
+FACE = {
+    "brow", "chin", "ear", "eye", "eye_inner", "eye_outer", "head", "inner_lip_lower", "inner_lip_upper", "inner_mouth", "jaw",
+    "lid_lower", "lid_upper", "lip_lower", "lip_upper", "mouth", "nose", "nose_base", "nose_bridge", "nostril",
+}  # fmt: skip
+FINGERS = {"hand_root", "thumb", "index", "middle", "ring", "pinky"}
+
+
+@pytest.mark.parametrize("name", SKELETONS)
+def test_every_body_keypoint_belongs_to_a_segment(name):
+    skeleton = SKELETONS[name]
+    loose = {re.sub(r"^(left|right)_|\d+$", "", k) for k in skeleton.keypoints if k not in SEGMENT_OF}
+    assert loose <= FACE | FINGERS
+    assert {SEGMENT_OF[k] for k in skeleton.keypoints if k in SEGMENT_OF} == set(SEGMENTS)

@@ -3,7 +3,7 @@
 import built
 import numpy as np
 import pytest
-from built import simulated, view_sequence
+from built import simulated
 
 from posefuse.core import PoseSequence
 from posefuse.core.skeleton import ANATOMICAL23
@@ -23,15 +23,13 @@ def walker():
 
 @pytest.fixture(scope="module")
 def poses(walker) -> PoseSequence:
-    noise_m = np.random.default_rng(1).normal(size=walker.shape) * SIGMA_M
-    return built.poses(walker + noise_m, SIGMA_M, RATE_HZ, ANATOMICAL23)
+    return built.shaken(built.poses(walker, SIGMA_M, RATE_HZ, ANATOMICAL23), SIGMA_M, 1)
 
 
 @pytest.fixture(scope="module")
 def fits(poses, walker, ring_rig):
-    rig, rng = ring_rig(4), np.random.default_rng(2)
-    xy = np.moveaxis(rig.project(walker), 0, 2)
-    views = view_sequence(rig, poses, xy + rng.normal(size=xy.shape) * SIGMA_PX, sigma_px=SIGMA_PX)
+    rig, exact = ring_rig(4), built.poses(walker, SIGMA_M, RATE_HZ, ANATOMICAL23)
+    views = built.noisy_views(rig, exact, SIGMA_PX, 2, sigma_px=SIGMA_PX)
     return {name: fit_views(poses, rig, views, chosen).poses for name, chosen in {"stand": None, "loose": LOOSE}.items()}
 
 
@@ -98,8 +96,7 @@ def test_ankles_are_closer_and_what_they_say_holds(walker, fits) -> None:
 def test_a_skeleton_without_feet_stands_nowhere(poses) -> None:
     body = bodies_from_poses(poses)[0]
     legs = [k for k in range(len(ANATOMICAL23)) if ANATOMICAL23.keypoints[k] not in SOLES]
-    contacts = contacts_of(
-        poses.t_ns, poses.xyz_world[:, 0][:, legs], poses.cov_world[:, 0][:, legs], body.skeleton, np.array(legs)
-    )
+    xyz, cov = (plane[:, 0][:, legs] for plane in (poses.xyz_world, poses.cov_world))
+    contacts = contacts_of(poses.t_ns, xyz, cov, body.skeleton, np.array(legs))
     toes = [row for row, k in enumerate(legs) if "toe" not in ANATOMICAL23.keypoints[k]]
     assert np.isnan(contacts.xyz[:, toes]).all()

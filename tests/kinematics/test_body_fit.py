@@ -1,13 +1,14 @@
 """The whole-body fit: recovers lengths and motion, fills gaps honestly, respects limits, live as recorded."""
 
-import dataclasses
 from dataclasses import replace
 
 import numpy as np
 import pytest
-from built import arrays_of, view_sequence
+from built import arrays_of, noisy_views, poses, shaken, unseen
+from checks import refusal
+from figure import sequence_of, walking
 
-from posefuse.core import InputError, Kind, PoseSequence, ViewSequence
+from posefuse.core import InputError, Kind, PoseSequence
 from posefuse.kinematics import JOINT_NAMES, joints_from_poses
 from posefuse.kinematics.body import BodySettings, LengthPrior, bodies_from_poses, fit_poses, fit_views, tree_kernels
 from posefuse.kinematics.body import filter as filter_module
@@ -26,26 +27,22 @@ HIDDEN = ("left_wrist", "left_index", "left_pinky")
 LENGTH_M = {"left_thigh": 0.43, "right_shank": 0.41, "left_forearm": 0.26, "right_upper_arm": 0.31, "pelvis": 0.26, "trunk": 0.52}
 
 
-def walk(t: float) -> dict:
-    w = 2 * np.pi * t
-    return {
-        "pelvis": (15 * t, 3 * np.sin(w), 5.0), "trunk": (0, 2 * np.sin(w), 5 * np.cos(w)), "neck": (10.0, 3.0, 5 * np.sin(w)),
-        "left_hip": (25 * np.sin(w), 3, 5), "right_hip": (-25 * np.sin(w), 3, 5), "left_knee": (35 - 25 * np.cos(w), 0, 0),
-        "right_knee": (35 + 25 * np.cos(w), 0, 0), "left_arm": (-25 * np.sin(w), -8, 10), "right_arm": (25 * np.sin(w), -8, 10),
-        "left_elbow": (40 + 10 * np.sin(w), 0, 0), "right_elbow": (30, 0, 0), "left_ankle": (10 * np.sin(w), 2, 2),
-    }  # fmt: skip
+@pytest.fixture(scope="module")
+def walk():
+    """(steps, skeleton) -> so many time steps of walking."""
+
+    def build(steps: int, skeleton: str = "blazepose33", sigma_m: float = 0.005) -> PoseSequence:
+        return sequence_of([walking(i / RATE_HZ) for i in range(steps)], skeleton, sigma_m=sigma_m, rate_hz=RATE_HZ)
+
+    return build
 
 
 @pytest.fixture(scope="module")
-def noisy(posed):
+def noisy(walk):
     """(clean, noisy) 3 s of walking; the left hand is missing for half a second."""
-    clean = posed([walk(i / RATE_HZ) for i in range(150)], sigma_m=SIGMA_M, rate_hz=RATE_HZ)
-    xyz = clean.xyz_world + np.random.default_rng(0).normal(size=clean.xyz_world.shape) * SIGMA_M
-    cov, kind = clean.cov_world.copy(), clean.kind.copy()
-    for name in HIDDEN:
-        at = clean.skeleton.index(name)
-        xyz[60:85, :, at], cov[60:85, :, at], kind[60:85, :, at] = np.nan, np.nan, Kind.MISSING
-    return clean, dataclasses.replace(clean, xyz_world=xyz, cov_world=cov, kind=kind)
+    clean = walk(150, sigma_m=SIGMA_M)
+    seen = unseen(shaken(clean, SIGMA_M), *HIDDEN, steps=slice(60, 85))
+    return clean, poses(seen.xyz_world, SIGMA_M, RATE_HZ, clean.skeleton)
 
 
 @pytest.fixture(scope="module")
@@ -110,12 +107,12 @@ def test_a_gap_is_filled_and_marked(noisy, fitted):
     assert (error < 3 * sigma[gap]).all()
 
 
-def causal(body, poses, settings):
+def causal(body, each_pose, settings):
     """Each pose's fit while only the past is known."""
     work = FrameBuffers(body.skeleton, JointSettings())
     filter_ = BodyFilter(body, settings, work)
     reader = StateReader(filter_, work)
-    for pose in poses:
+    for pose in each_pose:
         step = filter_.step(of_points(pose.t_ns, pose.xyz_world[0, body.keypoint], pose.cov_world[0, body.keypoint]))
         yield reader.read(step.state)
 
@@ -127,14 +124,14 @@ def test_the_end_of_the_causal_fit_is_the_end_of_the_recorded_one(noisy, fitted)
     np.testing.assert_allclose(last.sigmas, fitted.joints.sigma_rad[-1, 0], rtol=1e-6)
 
 
-def test_a_long_session_stays_sound(posed):
+def test_a_long_session_stays_sound(walk):
     """Half a minute of the same second, at uneven times: the covariance neither drifts nor loses its symmetry."""
-    second = posed([walk(i / RATE_HZ) for i in range(50)], "coco17", sigma_m=SIGMA_M, rate_hz=RATE_HZ)
+    second = walk(50, "coco17", SIGMA_M)
     times = np.cumsum(15_000_000 + 10_000_000 * (np.arange(1500) % 2)).tolist()
-    poses = (dataclasses.replace(second.at(i % 50), t_ns=t_ns) for i, t_ns in enumerate(times))
+    again = (replace(second.at(i % 50), t_ns=t_ns) for i, t_ns in enumerate(times))
     body, sigma = bodies_from_poses(second)[0], []
     ankle = list(body.keypoint).index(second.skeleton.index("left_ankle"))
-    for fit in causal(body, poses, BodySettings()):
+    for fit in causal(body, again, BodySettings()):
         assert np.abs(fit.cov - np.swapaxes(fit.cov, -1, -2)).max() < 1e-12
         sigma.append(np.sqrt(np.trace(fit.cov[ankle])))
     assert np.mean(sigma[-50:]) == pytest.approx(np.mean(sigma[200:250]), rel=0.02)
@@ -143,12 +140,9 @@ def test_a_long_session_stays_sound(posed):
 @pytest.fixture
 def rays(noisy, ring_rig):
     """Four cameras, and what they see of the person; an arm is for a while in the image of one camera alone."""
-    clean, seen = noisy
-    rig, rng = ring_rig(4), np.random.default_rng(2)
-    xy = np.moveaxis(rig.project(clean.xyz_world), 0, 2) + rng.normal(size=(150, 1, 4, len(clean.skeleton), 2)) * 1.0
-    score = np.ones(xy.shape[:-1])
+    clean, score = noisy[0], np.ones((150, 1, 4, len(noisy[0].skeleton)))
     score[60:85, :, 1:, clean.skeleton.indices(HIDDEN)] = 0
-    return rig, view_sequence(rig, seen, np.where(score[..., None] > 0, xy, np.nan), score)
+    return ring_rig(4), noisy_views(ring_rig(4), clean, 1.0, 2, score)
 
 
 def test_rays_see_what_points_cannot(noisy, fitted, rays):
@@ -162,7 +156,7 @@ def test_rays_see_what_points_cannot(noisy, fitted, rays):
 
 def test_a_fit_in_place_is_that_of_a_copy(noisy, fitted, rays):
     seen = noisy[1]
-    own = dataclasses.replace(seen, **arrays_of(seen, np.array))
+    own = replace(seen, **arrays_of(seen, np.array))
     copied, placed = fit_views(seen, *rays, WHITE, fitted.bodies), fit_views(own, *rays, WHITE, fitted.bodies, in_place=True)
     for name in ("xyz_world", "cov_world", "kind"):
         np.testing.assert_array_equal(getattr(placed.poses, name), getattr(copied.poses, name))
@@ -174,8 +168,8 @@ def test_a_fit_in_place_is_that_of_a_copy(noisy, fitted, rays):
 
 def test_a_fit_in_place_that_fails_writes_nothing(noisy, rays):
     clean, seen = noisy
-    giant = bodies_from_poses(dataclasses.replace(clean, xyz_world=clean.xyz_world * 1.6), WHITE)
-    own = dataclasses.replace(seen, **arrays_of(seen, np.array))
+    giant = bodies_from_poses(replace(clean, xyz_world=clean.xyz_world * 1.6), WHITE)
+    own = replace(seen, **arrays_of(seen, np.array))
     assert not fit_views(own, *rays, WHITE, giant, in_place=True).bodies
     for name in ("xyz_world", "cov_world", "kind"):
         np.testing.assert_array_equal(getattr(own, name), getattr(seen, name))
@@ -185,7 +179,7 @@ def test_an_outlier_moves_the_fit_little(noisy, fitted):
     clean, seen = noisy
     xyz, knee = seen.xyz_world.copy(), seen.skeleton.index("right_knee")
     xyz[40, 0, knee] += [0.4, -0.3, 0.2]
-    spoiled = dataclasses.replace(seen, xyz_world=xyz)
+    spoiled = replace(seen, xyz_world=xyz)
     error = {}
     for dof in (5.0, 1e6):
         fit = fit_poses(spoiled, BodySettings(noise_memory_s=0.0, robust_dof=dof), fitted.bodies)
@@ -193,36 +187,34 @@ def test_an_outlier_moves_the_fit_little(noisy, fitted):
     assert error[5.0] < 0.03 < error[1e6]
 
 
-def test_an_outlier_among_lasting_errors_moves_the_fit_little(posed):
+def test_an_outlier_among_lasting_errors_moves_the_fit_little(walk):
     """How long errors last says how much measurements count, not which of them is an outlier."""
-    clean = posed([walk(i / RATE_HZ) for i in range(40)], sigma_m=SIGMA_M, rate_hz=RATE_HZ)
+    clean = walk(40, sigma_m=SIGMA_M)
     knee = clean.skeleton.index("right_knee")
     spoiled = clean.xyz_world.copy()
     spoiled[20:28, 0, knee] += [0.15, -0.1, 0.05]
-    fit = fit_poses(dataclasses.replace(clean, xyz_world=spoiled), BodySettings(noise_memory_s=0.5, robust_dof=2.0))
+    fit = fit_poses(replace(clean, xyz_world=spoiled), BodySettings(noise_memory_s=0.5, robust_dof=2.0))
     assert np.linalg.norm(fit.poses.xyz_world[:, 0, knee] - clean.xyz_world[:, 0, knee], axis=-1).max() < 0.02
 
 
 @pytest.mark.parametrize("flexion", [175.0, 100.0])
-def test_a_recording_may_begin_with_straight_arms_held_up(posed, flexion):
+def test_a_recording_may_begin_with_straight_arms_held_up(flexion):
     """A straight limb has no plane and no frame; where it points is known all the same."""
     up = {"left_arm": (flexion, 0, 0), "right_arm": (flexion, -8, 0), "left_elbow": (1, 0, 0), "right_elbow": (1, 0, 0)}
-    sequence = posed([up] * 12, sigma_m=0.005)
+    sequence = sequence_of([up] * 12, sigma_m=0.005)
     body = bodies_from_poses(sequence)[0]
     work = FrameBuffers(sequence.skeleton, JointSettings())
     packed = packed_from_body(body, BodySettings())
     q, rot = guessed_state(body, packed, work, sequence.xyz_world[0, 0, body.keypoint])
-    frame, origin = np.empty((len(body.nodes), 3, 3)), np.empty((len(body.nodes), 3))
-    tree_kernels.forward_kinematics(
-        packed.tree.parent, packed.tree.kind, packed.tree.axis, packed.tree.offset, q, rot, frame, origin
-    )
+    frame, origin, tree = np.empty((len(body.nodes), 3, 3)), np.empty((len(body.nodes), 3)), packed.tree
+    tree_kernels.forward_kinematics(tree.parent, tree.kind, tree.axis, tree.offset, q, rot, frame, origin)
     for side in ("left", "right"):
         elbow = sequence.xyz_world[0, 0, sequence.skeleton.index(f"{side}_elbow")]
         assert np.linalg.norm(origin[body.node(f"{side}_carrying")] - elbow) < 0.02
 
 
-def test_limits_hold_a_knee_back(posed):
-    sequence = posed([{"left_knee": (-40, 0, 0), "left_hip": (20, 0, 0)}] * 12, sigma_m=0.03)
+def test_limits_hold_a_knee_back():
+    sequence = sequence_of([{"left_knee": (-40, 0, 0), "left_hip": (20, 0, 0)}] * 12, sigma_m=0.03)
     bodies = bodies_from_poses(sequence)
     knee = JOINT_NAMES.index("left_knee")
     flexion = {}
@@ -232,45 +224,43 @@ def test_limits_hold_a_knee_back(posed):
     assert flexion[True] > -20 > flexion[False]
 
 
-def test_an_elbow_is_not_held_at_its_end_of_motion_while_its_points_are_bent(posed):
+def test_an_elbow_is_not_held_at_its_end_of_motion_while_its_points_are_bent():
     """Noise may turn an upper arm by half a turn about its axis: that is a minimum, too, and was kept for seconds."""
     w = 2 * np.pi * np.arange(450) / 30
     angles = [{"left_arm": (-25 * np.sin(one), -8, 10), "left_elbow": (25 + 8 * np.sin(one), 0, 0)} for one in w]
-    clean = posed(angles, "coco17", sigma_m=0.03, rate_hz=30)
+    clean = sequence_of(angles, "coco17", sigma_m=0.03, rate_hz=30)
     body, held = bodies_from_poses(clean)[0], []
     for seed in range(4):
-        xyz = clean.xyz_world + 0.03 * np.random.default_rng(seed).normal(size=clean.xyz_world.shape)
-        poses = replace(clean, xyz_world=xyz)
-        fits = causal(body, (poses.at(i) for i in range(len(poses))), BodySettings())
+        seen = shaken(clean, 0.03, seed)
+        fits = causal(body, (seen.at(i) for i in range(len(seen))), BodySettings())
         held.append(np.mean([fit.angles[JOINT_NAMES.index("left_elbow"), 0] < 0 for fit in fits]))
     assert np.mean(held) < 0.1
 
 
 @pytest.mark.parametrize("skeleton", ["coco17", "body_25b", "paper14", "anatomical23"])
-def test_any_skeleton_can_be_fitted(posed, skeleton):
-    sequence = posed([walk(i / RATE_HZ) for i in range(30)], skeleton, sigma_m=0.005, rate_hz=RATE_HZ)
+def test_any_skeleton_can_be_fitted(walk, skeleton):
+    sequence = walk(30, skeleton)
     fit = fit_poses(sequence)
     error = np.linalg.norm(fit.poses.xyz_world - sequence.xyz_world, axis=-1)
     assert np.nanmax(error) < 0.01
 
 
-def test_a_person_hardly_seen_keeps_their_points(posed):
-    sequence = posed([walk(i / RATE_HZ) for i in range(20)], sigma_m=0.005, rate_hz=RATE_HZ)
-    two = arrays_of(sequence, lambda one: np.concatenate([one] * 2, axis=1))
-    two["xyz_world"][2:, 1] = np.nan
-    fit = fit_poses(PoseSequence(t_ns=sequence.t_ns, skeleton=sequence.skeleton, person_id=[4, 9], **two))
+def test_a_person_hardly_seen_keeps_their_points(walk):
+    one = walk(20)
+    xyz = np.repeat(one.xyz_world, 2, axis=1)
+    xyz[2:, 1] = np.nan
+    fit = fit_poses(poses(xyz, 0.005, RATE_HZ, one.skeleton, ids=[4, 9]))
     assert list(fit.bodies) == [4]
-    np.testing.assert_array_equal(fit.poses.xyz_world[:, 1], two["xyz_world"][:, 1])
+    np.testing.assert_array_equal(fit.poses.xyz_world[:, 1], xyz[:, 1])
     assert np.isfinite(fit.joints.angle_rad[:2, 1]).any() and np.isnan(fit.joints.angle_rad[2:, 1]).all()
-    two["xyz_world"][:] = np.nan
-    with pytest.raises(InputError, match=r"both hips and both shoulders.*none of the 2 people"):
-        fit_poses(PoseSequence(t_ns=sequence.t_ns, skeleton=sequence.skeleton, person_id=[4, 9], **two))
+    neither = poses(xyz * np.nan, 0.005, RATE_HZ, one.skeleton, ids=[4, 9])
+    refusal(InputError, r"both hips and both shoulders.*none of the 2 people", fit_poses, neither)
 
 
 @pytest.mark.parametrize(("larger", "kept"), ((1.6, False), (1.05, True)))
 def test_a_fit_far_from_the_fused_keypoints_is_dropped(noisy, larger, kept):
     clean, seen = noisy
-    giant = bodies_from_poses(dataclasses.replace(clean, xyz_world=clean.xyz_world * larger), WHITE)
+    giant = bodies_from_poses(replace(clean, xyz_world=clean.xyz_world * larger), WHITE)
     fit = fit_poses(seen, WHITE, giant)
     assert bool(fit.bodies) is kept
     assert np.array_equal(fit.poses.xyz_world, seen.xyz_world, equal_nan=True) is not kept
@@ -278,20 +268,15 @@ def test_a_fit_far_from_the_fused_keypoints_is_dropped(noisy, larger, kept):
 
 def test_a_person_who_was_never_fitted_keeps_their_points(noisy, fitted):
     seen = noisy[1]
-    nothing = dataclasses.replace(
-        seen, xyz_world=np.full_like(seen.xyz_world, np.nan), cov_world=np.full_like(seen.cov_world, np.nan),
-        kind=np.full_like(seen.kind, Kind.MISSING),
-    )  # fmt: skip
-    fit = fit_poses(nothing, WHITE, fitted.bodies)
+    fit = fit_poses(poses(seen.xyz_world * np.nan, SIGMA_M, RATE_HZ, seen.skeleton), WHITE, fitted.bodies)
     assert not fit.bodies and np.isnan(fit.poses.xyz_world).all()
 
 
 def rays_with_noise(rig, xyz: np.ndarray, noise_px: float, stated_px: float) -> Measurement:
     """What the cameras of a rig without distortion see of points (A, 3)."""
-    xy = np.stack([camera.project(xyz) for camera in rig], axis=1)
-    empty = np.zeros((len(xyz), 3))
+    xy = np.moveaxis(rig.project(xyz), 0, 1)
     return Measurement(
-        t_ns=0, xyz=empty, cov=np.zeros((len(xyz), 3, 3)), projections=rig.projections(),
+        t_ns=0, xyz=np.zeros((len(xyz), 3)), cov=np.zeros((len(xyz), 3, 3)), projections=rig.projections(),
         xy=xy + np.random.default_rng(6).normal(size=xy.shape) * noise_px, inverse_var=np.full(xy.shape[:2], stated_px**-2),
     )  # fmt: skip
 
@@ -305,7 +290,7 @@ def test_rays_that_are_farther_off_than_stated_widen_the_covariance_and_outliers
     seen.xy[:, 0] += 300
     assert robust_variance_factor(seen, gaussian, xyz).min() > 1000
     assert robust_variance_factor(seen, 2.0, xyz).max() < 4.0
-    alone = dataclasses.replace(seen, inverse_var=seen.inverse_var * [1, 0, 0, 0])
+    alone = replace(seen, inverse_var=seen.inverse_var * [1, 0, 0, 0])
     assert (robust_variance_factor(alone, gaussian, xyz) == 1).all()
 
 
@@ -318,18 +303,16 @@ def random_motion(rng: np.random.Generator, steps: int, rate_hz: float) -> list[
     }  # fmt: skip
     t_s = np.arange(steps)[:, None, None] / rate_hz
     waves = np.sin(2 * np.pi * rng.uniform(0.05, 0.8, (1, len(limits), 3)) * t_s + rng.uniform(0, 6.28, (1, len(limits), 3)))
-    bent = {name: 50.0 for name in limits if name.endswith(("knee", "elbow"))}
-    return [
-        {name: tuple(one * limit + [bent.get(name, 0.0), 0, 0]) for (name, limit), one in zip(limits.items(), wave, strict=True)}
-        for wave in waves
-    ]
+    bent = [[50.0 * name.endswith(("knee", "elbow")), 0, 0] for name in limits]
+    angles = waves * np.array(list(limits.values())) + bent
+    return [dict(zip(limits, map(tuple, one), strict=True)) for one in angles]
 
 
 @pytest.mark.parametrize("by_rays", [False, True])
-def test_a_recording_fitted_in_blocks_is_as_one_fitted_whole(posed, ring_rig, monkeypatch, by_rays):
+def test_a_recording_fitted_in_blocks_is_as_one_fitted_whole(ring_rig, monkeypatch, by_rays):
     """A long recording is smoothed block by block, in constant memory; limbs are hidden across the borders of blocks."""
     rng, rate_hz, steps = np.random.default_rng(4), 12.0, 1000
-    clean = posed(random_motion(rng, steps, rate_hz), sigma_m=SIGMA_M, rate_hz=rate_hz)
+    clean = sequence_of(random_motion(rng, steps, rate_hz), sigma_m=SIGMA_M, rate_hz=rate_hz)
     rig = ring_rig(3)
     score = np.ones((steps, 1, 3, len(clean.skeleton)))
     for names, hidden in (
@@ -338,17 +321,9 @@ def test_a_recording_fitted_in_blocks_is_as_one_fitted_whole(posed, ring_rig, mo
     ):
         score[hidden, :, :, clean.skeleton.indices(names)] = 0
     score[895:905] = 0
-    shown = (score > 0).all(axis=2)
-    noisy = clean.xyz_world + rng.normal(size=clean.xyz_world.shape) * SIGMA_M
-    seen = dataclasses.replace(
-        clean,
-        xyz_world=np.where(shown[..., None], noisy, np.nan),
-        cov_world=np.where(shown[..., None, None], clean.cov_world, np.nan),
-        kind=np.where(shown, clean.kind, Kind.MISSING),
-    )
-    xy = np.moveaxis(rig.project(clean.xyz_world), 0, 2)
-    xy = np.where(score[..., None] > 0, xy + rng.normal(size=xy.shape) * 1.5, np.nan)
-    views = view_sequence(rig, seen, xy, score, 1.5)
+    shown = (score > 0).all(axis=2)[..., None]
+    seen = poses(np.where(shown, shaken(clean, SIGMA_M, 4).xyz_world, np.nan), SIGMA_M, rate_hz, clean.skeleton)
+    views = noisy_views(rig, clean, 1.5, 5, score, 1.5)
     bodies = bodies_from_poses(seen)
     found = []
     for block in (filter_module._BLOCK_STEPS, steps):
@@ -379,15 +354,9 @@ def squat(t: float) -> dict:
 
 
 @pytest.fixture(scope="module")
-def squatter(posed):
+def squatter():
     """Exact keypoints of a person whose lengths are all different, and of no usual proportions."""
-    return posed([squat(i / LENGTHS_RATE_HZ) for i in range(STEPS)], "coco17", sigma_m=0.005, rate_hz=LENGTHS_RATE_HZ)
-
-
-def views_of(rig, poses, rng) -> ViewSequence:
-    xy = np.moveaxis(rig.project(poses.xyz_world), 0, 2)
-    xy = xy + rng.normal(size=xy.shape) * SIGMA_PX
-    return view_sequence(rig, poses, xy, sigma_px=SIGMA_PX)
+    return sequence_of([squat(i / LENGTHS_RATE_HZ) for i in range(STEPS)], "coco17", sigma_m=0.005, rate_hz=LENGTHS_RATE_HZ)
 
 
 def lengths(fit) -> tuple[np.ndarray, np.ndarray]:
@@ -408,9 +377,8 @@ def test_derivatives_by_lengths_equal_finite_differences(squatter) -> None:
     def places(offset: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         frame, origin = np.empty_like(state[1]), np.empty((len(body.nodes), 3))
         tree_kernels.forward_kinematics(packed.tree.parent, packed.tree.kind, packed.tree.axis, offset, *state, frame, origin)
-        return np.stack(
-            [tree_kernels.place(frame, origin, n, x) for n, x in zip(packed.tree.node, packed.tree.local, strict=True)]
-        ), frame
+        points = [tree_kernels.place(frame, origin, n, x) for n, x in zip(packed.tree.node, packed.tree.local, strict=True)]
+        return np.stack(points), frame
 
     slopes = slopes_of(body, NAMES)
     derived = length_derivatives(packed, slopes, places(packed.tree.offset)[1])
@@ -422,8 +390,8 @@ def test_derivatives_by_lengths_equal_finite_differences(squatter) -> None:
 
 def test_every_length_is_recovered_from_a_wrong_start(squatter, ring_rig) -> None:
     """Medians of poses that are 8 % too small are too short; rays are not. Poses do not take up what lengths lack."""
-    rig, rng = ring_rig(4), np.random.default_rng(3)
-    views = views_of(rig, squatter, rng)
+    rig = ring_rig(4)
+    views = noisy_views(rig, squatter, SIGMA_PX, 3, sigma_px=SIGMA_PX)
     small = replace(squatter, xyz_world=0.92 * squatter.xyz_world + 0.08 * np.nanmean(squatter.xyz_world, axis=2, keepdims=True))
     before = np.array([bodies_from_poses(small)[0].lengths[key].value_m for key in KEYS])
     fit = fit_views(small, rig, views, SETTINGS, lengths=prior(TRUE_M * 0.9, 0.5))
@@ -437,7 +405,7 @@ def test_every_length_is_recovered_from_a_wrong_start(squatter, ring_rig) -> Non
 
 def test_a_prior_counts_by_its_sigma(squatter, ring_rig) -> None:
     rig = ring_rig(4)
-    views = views_of(rig, squatter, np.random.default_rng(4))
+    views = noisy_views(rig, squatter, SIGMA_PX, 4, sigma_px=SIGMA_PX)
     tight, _ = lengths(fit_views(squatter, rig, views, SETTINGS, lengths=prior(TRUE_M * 1.1, 1e-5)))
     loose, _ = lengths(fit_views(squatter, rig, views, SETTINGS, lengths=prior(TRUE_M * 1.1, 1.0)))
     np.testing.assert_allclose(tight, TRUE_M * 1.1, atol=1e-4)

@@ -5,6 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from built import poses
+from figure import sequence_of
 
 from posefuse.core import SKELETONS
 from posefuse.kinematics.gait import gait_from_poses
@@ -90,9 +91,9 @@ def test_the_simulated_walk_round_a_circle_is_measured_as_set():
     assert gait.stride_length_m.mean == pytest.approx(1.2 * gait.stride_time_s.mean, rel=0.03)
 
 
-def test_standing_and_short_recordings_are_no_walk(posed):
-    assert gait_from_poses(posed([{}] * 300)) is None
-    assert gait_from_poses(posed([{}] * 5)) is None
+def test_standing_and_short_recordings_are_no_walk():
+    assert gait_from_poses(sequence_of([{}] * 300)) is None
+    assert gait_from_poses(sequence_of([{}] * 5)) is None
 
 
 def test_events_agree_with_a_gait_laboratory(shared_data):

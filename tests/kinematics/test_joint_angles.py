@@ -6,42 +6,16 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from built import arrays_of
+from built import arrays_of, shaken, unseen
 from checks import refusal
+from figure import BENT, sequence_of
 from scipy.spatial.transform import Rotation
 
+from posefuse import kinematics
 from posefuse.core import SE3, SKELETONS, InputError, ShapeError
-from posefuse.kinematics import (
-    JOINT_NAMES,
-    JOINTS,
-    JointSettings,
-    JointTracker,
-    Reason,
-    facing_votes,
-    joints_from_poses,
-    kernels,
-    reasons_from_poses,
-    undefined_angles,
-)
+from posefuse.kinematics import JOINT_NAMES, JointSettings, JointTracker, Reason, joints_from_poses, reasons_from_poses
 
 EXACT = JointSettings(hinge_play_rad=0.0, turn_rate_rad_sqrt_s=10.0)
-BENT = {
-    "pelvis": (20.0, 5.0, 12.0),
-    "trunk": (0.0, 8.0, -15.0),
-    "neck": (14.0, -6.0, 25.0),
-    "left_arm": (35.0, -22.0, 18.0),
-    "right_arm": (-25.0, -40.0, 30.0),
-    "left_elbow": (75.0, 0.0, 0.0),
-    "right_elbow": (48.0, 0.0, 0.0),
-    "left_wrist": (35.0, 20.0, -12.0),
-    "right_wrist": (60.0, -25.0, 9.0),
-    "left_hip": (40.0, 11.0, -9.0),
-    "right_hip": (-15.0, -8.0, 14.0),
-    "left_knee": (62.0, 0.0, 0.0),
-    "right_knee": (31.0, 0.0, 0.0),
-    "left_ankle": (-18.0, 7.0, 5.0),
-    "right_ankle": (12.0, -9.0, -6.0),
-}
 
 
 def degrees_of(joints, name, i=0, n=0):
@@ -49,8 +23,8 @@ def degrees_of(joints, name, i=0, n=0):
 
 
 @pytest.mark.parametrize("root", [np.eye(3), Rotation.from_euler("xyz", [130, 20, -70], degrees=True).as_matrix()])
-def test_angles_put_in_come_out(posed, root):
-    joints = joints_from_poses(posed([BENT], root=root), EXACT)
+def test_angles_put_in_come_out(root):
+    joints = joints_from_poses(sequence_of([BENT], root=root), EXACT)
     for name, expected in BENT.items():
         if name == "pelvis" and not np.allclose(root, np.eye(3)):
             continue
@@ -60,16 +34,16 @@ def test_angles_put_in_come_out(posed, root):
         np.testing.assert_allclose(got[defined], np.array(expected)[defined], atol=1e-5, err_msg=name)
 
 
-def test_shoulder_follows_isb_plane_and_elevation(posed):
+def test_shoulder_follows_isb_plane_and_elevation():
     abducted, forward = {"right_arm": (0, -70, 0), "right_elbow": (40, 0, 0)}, {"left_arm": (60, 0, 0), "left_elbow": (40, 0, 0)}
-    right = degrees_of(joints_from_poses(posed([abducted]), EXACT), "right_shoulder")
-    left = degrees_of(joints_from_poses(posed([forward]), EXACT), "left_shoulder")
+    right = degrees_of(joints_from_poses(sequence_of([abducted]), EXACT), "right_shoulder")
+    left = degrees_of(joints_from_poses(sequence_of([forward]), EXACT), "left_shoulder")
     np.testing.assert_allclose(right[:2], [0, 70], atol=1e-5)
     np.testing.assert_allclose(left[:2], [90, 60], atol=1e-5)
 
 
-def test_shoulder_sequence_agrees_with_scipy(posed):
-    frames = joints_from_poses(posed([BENT]), EXACT)
+def test_shoulder_sequence_agrees_with_scipy():
+    frames = joints_from_poses(sequence_of([BENT]), EXACT)
     rotation = frames.world_from_segment.matrix()[0, 0]
     thorax, arm = (rotation[frames.segments.index(s)] for s in ("thorax", "right_upper_arm"))
     plane, elevation, turn = degrees_of(frames, "right_shoulder")
@@ -78,20 +52,19 @@ def test_shoulder_sequence_agrees_with_scipy(posed):
 
 
 @pytest.mark.parametrize("turned_deg", [(40, -150, 75), (180, 0, 0)], ids=["anyhow", "upside down"])
-def test_moving_the_world_changes_only_the_pelvis(posed, turned_deg):
-    sequence = posed([BENT])
+def test_moving_the_world_changes_only_the_pelvis(turned_deg):
+    sequence = sequence_of([BENT])
     turn = Rotation.from_euler("xyz", turned_deg, degrees=True).as_matrix()
-    moved = replace(
-        sequence, xyz_world=sequence.xyz_world @ turn.T + [3.0, -2.0, 1.0], cov_world=turn @ sequence.cov_world @ turn.T
-    )
+    xyz = sequence.xyz_world @ turn.T + [3.0, -2.0, 1.0]
+    moved = replace(sequence, xyz_world=xyz, cov_world=turn @ sequence.cov_world @ turn.T)
     before, after = joints_from_poses(sequence), joints_from_poses(moved)
     np.testing.assert_allclose(after.angle_rad[:, :, 1:], before.angle_rad[:, :, 1:], atol=1e-9)
     np.testing.assert_allclose(after.sigma_rad[:, :, 1:], before.sigma_rad[:, :, 1:], rtol=1e-6)
     np.testing.assert_allclose(after.world_from_segment.matrix(), turn @ before.world_from_segment.matrix(), atol=1e-9)
 
 
-def test_mirroring_the_subject_swaps_the_sides(posed):
-    sequence = posed([BENT])
+def test_mirroring_the_subject_swaps_the_sides():
+    sequence = sequence_of([BENT])
     xyz = sequence.xyz_world[:, :, sequence.skeleton.mirror] * [1, -1, 1]
     mirrored = replace(sequence, xyz_world=xyz)
     before, after = joints_from_poses(sequence, EXACT), joints_from_poses(mirrored, EXACT)
@@ -102,10 +75,10 @@ def test_mirroring_the_subject_swaps_the_sides(posed):
     np.testing.assert_allclose(degrees_of(after, "neck"), degrees_of(before, "neck") * [1, -1, -1], atol=1e-6)
 
 
-def test_sigma_is_the_spread_of_angles_of_noisy_points(posed):
+def test_sigma_is_the_spread_of_angles_of_noisy_points():
     rng = np.random.default_rng(4)
     sigma_m, count = 0.0005, 2000
-    clean = posed([BENT])
+    clean = sequence_of([BENT])
     truth = joints_from_poses(clean, EXACT)
     spread = rng.normal(size=(count, *clean.xyz_world.shape[1:])) * sigma_m * [1, 2, 0.5]
     xyz = clean.xyz_world + spread
@@ -123,29 +96,25 @@ def test_sigma_is_the_spread_of_angles_of_noisy_points(posed):
     np.testing.assert_allclose(seen[defined] / stated[defined], 1.0, atol=0.12)
 
 
-def test_angles_stay_continuous_through_straight_knees_and_whole_turns(posed):
+def test_angles_stay_continuous_through_straight_knees_and_whole_turns():
     t = np.linspace(0, 4, 401)
-    frames = [
-        {"pelvis": (200 * s, 0, 0), "left_hip": (25 * np.sin(6 * s), 2, 5), "left_knee": (30 - 30 * np.cos(6 * s), 0, 0)}
-        for s in t
-    ]
-    joints = joints_from_poses(posed(frames))
+    knee_deg, hip_deg = 30 - 30 * np.cos(6 * t), 25 * np.sin(6 * t)
+    turns = zip(200 * t, hip_deg, knee_deg, strict=True)
+    frames = [{"pelvis": (turn, 0, 0), "left_hip": (hip, 2, 5), "left_knee": (knee, 0, 0)} for turn, hip, knee in turns]
+    joints = joints_from_poses(sequence_of(frames))
     for name in ("pelvis", "left_hip", "left_knee"):
         angles = degrees_of(joints, name, slice(None))
         defined = np.isfinite(angles).all(axis=0)
         assert np.abs(np.diff(angles[:, defined], axis=0)).max() < 4, name
     turned = degrees_of(joints, "pelvis", slice(None))
     assert turned[-1, 0] - turned[0, 0] == pytest.approx(800, abs=1e-3)
-    np.testing.assert_allclose(degrees_of(joints, "left_knee", slice(None))[:, 0], 30 - 30 * np.cos(6 * t), atol=0.05)
+    np.testing.assert_allclose(degrees_of(joints, "left_knee", slice(None))[:, 0], knee_deg, atol=0.05)
 
 
-def test_noise_on_a_straight_leg_does_not_reach_the_turn(posed):
-    rng = np.random.default_rng(1)
+def test_noise_on_a_straight_leg_does_not_reach_the_turn():
     frames = [{"left_knee": (60.0 if i < 30 else 0.5, 0, 0), "left_hip": (20, 0, 10)} for i in range(90)]
-    clean = posed(frames, sigma_m=0.01)
-    xyz = clean.xyz_world + rng.normal(size=clean.xyz_world.shape) * 0.01
-    noisy = replace(clean, xyz_world=xyz)
-    tracker = JointTracker(clean.skeleton)
+    noisy = shaken(sequence_of(frames, sigma_m=0.01), 0.01, seed=1)
+    tracker = JointTracker(noisy.skeleton)
     live = [tracker.step(noisy.at(i)) for i in range(90)]
     turn = np.array([degrees_of(j, "left_hip")[2] for j in live])
     sigma = np.degrees([j.sigma_rad[0, 0, JOINT_NAMES.index("left_hip"), 2] for j in live])
@@ -156,10 +125,10 @@ def test_noise_on_a_straight_leg_does_not_reach_the_turn(posed):
 
 
 @pytest.mark.parametrize(("limb", "seconds"), [("left_elbow", 4), ("right_knee", 4)])
-def test_a_reversed_plane_is_found_in_points_too_uncertain_to_show_it_at_once(posed, limb, seconds):
+def test_a_reversed_plane_is_found_in_points_too_uncertain_to_show_it_at_once(limb, seconds):
     """Bent backwards at first, which no human can: its plane is then taken as reversed."""
     frames = [{limb: (-80.0 if i < 5 else 25.0, 0, 0)} for i in range(30 * seconds)]
-    clear, uncertain = posed(frames, sigma_m=0.002), posed(frames, sigma_m=0.03)
+    clear, uncertain = sequence_of(frames, sigma_m=0.002), sequence_of(frames, sigma_m=0.03)
     cov = np.where((np.arange(len(clear)) < 5)[:, None, None, None, None], clear.cov_world, uncertain.cov_world)
     tracker = JointTracker(clear.skeleton)
     flexion = [degrees_of(tracker.step(one), limb)[0] for one in map(replace(clear, cov_world=cov).at, range(len(clear)))]
@@ -167,10 +136,10 @@ def test_a_reversed_plane_is_found_in_points_too_uncertain_to_show_it_at_once(po
     np.testing.assert_allclose(flexion[-30:], 25, atol=1)
 
 
-def test_a_straight_limb_keeps_its_plane_among_errors_that_last(posed):
+def test_a_straight_limb_keeps_its_plane_among_errors_that_last():
     rng = np.random.default_rng(6)
     frames = [{"left_elbow": (60.0 if i < 30 else 5.0, 0, 0)} for i in range(1800)]
-    clean, error, lasts = posed(frames, sigma_m=0.03), np.zeros((33, 3)), np.exp(-1 / 6)
+    clean, error, lasts = sequence_of(frames, sigma_m=0.03), np.zeros((33, 3)), np.exp(-1 / 6)
     tracker, flexion = JointTracker(clean.skeleton), []
     for i in range(len(clean)):
         error = lasts * error + np.sqrt(1 - lasts**2) * rng.normal(size=error.shape)
@@ -180,29 +149,27 @@ def test_a_straight_limb_keeps_its_plane_among_errors_that_last(posed):
     assert np.nanmean(flexion[60:]) > 2
 
 
-def test_live_equals_recorded_when_the_planes_are_clear(posed):
+def test_live_equals_recorded_when_the_planes_are_clear():
     frames = [{**BENT, "left_knee": (40 + i, 0, 0)} for i in range(20)]
-    sequence = posed(frames, sigma_m=1e-6)
+    sequence = sequence_of(frames)
     tracker = JointTracker(sequence.skeleton, EXACT)
     live = np.concatenate([tracker.step(sequence.at(i)).angle_rad for i in range(20)])
     np.testing.assert_allclose(live, joints_from_poses(sequence, EXACT).angle_rad, atol=1e-6)
 
 
 def test_each_skeleton_lists_missing_angles_with_reasons():
-    paper = undefined_angles(SKELETONS["paper14"])
-    assert "needs nose, left_ear, right_ear" in paper["neck.flexion"].replace(
-        "left_ear, right_ear, nose", "nose, left_ear, right_ear"
-    )
+    paper = kinematics.undefined_angles(SKELETONS["paper14"])
+    assert re.search(r"needs (nose, left_ear, right_ear|left_ear, right_ear, nose)", paper["neck.flexion"])
     assert "left_heel" in paper["left_ankle.dorsiflexion"]
     assert "not determined by joint centres" in paper["right_knee.internal_rotation"]
     assert "left_knee.flexion" not in paper
-    assert "left_wrist.pronation" not in undefined_angles(SKELETONS["blazepose33"])
+    assert "left_wrist.pronation" not in kinematics.undefined_angles(SKELETONS["blazepose33"])
 
 
 @pytest.mark.parametrize("skeleton", sorted(SKELETONS))
-def test_what_a_skeleton_promises_is_there(posed, skeleton):
-    joints, reasons = reasons_from_poses(posed([BENT], skeleton), EXACT)
-    impossible = undefined_angles(SKELETONS[skeleton])
+def test_what_a_skeleton_promises_is_there(skeleton):
+    joints, reasons = reasons_from_poses(sequence_of([BENT], skeleton), EXACT)
+    impossible = kinematics.undefined_angles(SKELETONS[skeleton])
     for q, name in enumerate(joints.joints):
         for a, angle in enumerate(joints.angle_names[q]):
             wanted = Reason.NOT_DETERMINED if f"{name}.{angle}" in impossible else Reason.DEFINED
@@ -210,12 +177,8 @@ def test_what_a_skeleton_promises_is_there(posed, skeleton):
             assert np.isfinite(joints.angle_rad[0, 0, q, a]) == (wanted == Reason.DEFINED)
 
 
-def test_a_missing_keypoint_takes_only_what_needs_it(posed):
-    sequence = posed([BENT])
-    xyz = sequence.xyz_world.copy()
-    xyz[:, :, sequence.skeleton.index("left_ankle")] = np.nan
-    holed = replace(sequence, xyz_world=xyz)
-    joints, reasons = reasons_from_poses(holed, EXACT)
+def test_a_missing_keypoint_takes_only_what_needs_it():
+    joints, reasons = reasons_from_poses(unseen(sequence_of([BENT]), "left_ankle"), EXACT)
     knee, hip = joints.joints.index("left_knee"), joints.joints.index("left_hip")
     assert reasons[0, 0, knee, 0] == Reason.MISSING
     np.testing.assert_allclose(degrees_of(joints, "left_hip")[:2], BENT["left_hip"][:2], atol=1e-5)
@@ -223,23 +186,23 @@ def test_a_missing_keypoint_takes_only_what_needs_it(posed):
     np.testing.assert_allclose(degrees_of(joints, "right_hip"), BENT["right_hip"], atol=1e-5)
 
 
-def test_gimbal_lock_is_named_and_its_middle_angle_kept(posed):
-    joints, reasons = reasons_from_poses(posed([{**BENT, "right_arm": (0.0, 0.5, 0.0)}]), EXACT)
+def test_gimbal_lock_is_named_and_its_middle_angle_kept():
+    joints, reasons = reasons_from_poses(sequence_of([{**BENT, "right_arm": (0.0, 0.5, 0.0)}]), EXACT)
     shoulder = joints.joints.index("right_shoulder")
     assert [Reason(r) for r in reasons[0, 0, shoulder]] == [Reason.GIMBAL_LOCK, Reason.DEFINED, Reason.GIMBAL_LOCK]
     assert degrees_of(joints, "right_shoulder")[1] == pytest.approx(0.5, abs=1e-4)
     assert np.isfinite(degrees_of(joints, "right_arm")).all()
 
 
-def test_swapped_sides_are_refused(posed):
-    sequence = posed([BENT] * 10)
+def test_swapped_sides_are_refused():
+    sequence = sequence_of([BENT] * 10)
     swapped = replace(sequence, person_id=[7], xyz_world=sequence.xyz_world[:, :, sequence.skeleton.mirror])
     refusal(InputError, "person 7: left and right look swapped", joints_from_poses, swapped)
     assert np.isfinite(joints_from_poses(swapped, JointSettings(sides_checked=False)).angle_rad).any()
 
 
-def test_no_person_and_all_missing_give_empty_and_nan(posed):
-    sequence = posed([BENT] * 3)
+def test_no_person_and_all_missing_give_empty_and_nan():
+    sequence = sequence_of([BENT] * 3)
     nan = replace(sequence, xyz_world=sequence.xyz_world * np.nan, cov_world=sequence.cov_world * np.nan)
     assert np.isnan(joints_from_poses(nan).angle_rad).all()
     no_person = replace(sequence, person_id=[], **arrays_of(sequence, lambda one: one[:, :0]))
@@ -247,8 +210,8 @@ def test_no_person_and_all_missing_give_empty_and_nan(posed):
 
 
 @pytest.mark.parametrize("far_m", [1e12, 1e16, 1e100, 1e200, np.inf])
-def test_points_out_of_all_measure_break_nothing(posed, far_m):
-    sequence = posed([BENT])
+def test_points_out_of_all_measure_break_nothing(far_m):
+    sequence = sequence_of([BENT])
     pose, rng = sequence.at(0), np.random.default_rng(0)
     for k in (slice(None), *range(len(pose.skeleton))):
         tracker = JointTracker(sequence.skeleton)
@@ -260,8 +223,8 @@ def test_points_out_of_all_measure_break_nothing(posed, far_m):
         assert np.isfinite(after[np.isfinite(before)]).all()
 
 
-def test_points_that_coincide_give_no_angles_and_no_error(posed):
-    sequence = posed([BENT])
+def test_points_that_coincide_give_no_angles_and_no_error():
+    sequence = sequence_of([BENT])
     pose, tracker = sequence.at(0), JointTracker(sequence.skeleton)
     whole = np.isfinite(tracker.step(pose).angle_rad)
     lost = set()
@@ -269,22 +232,21 @@ def test_points_that_coincide_give_no_angles_and_no_error(posed):
         xyz = np.array(pose.xyz_world)
         xyz[:, one] = xyz[:, other]
         joints = tracker.step(replace(pose, xyz_world=xyz))
-        lost |= {
-            name for name, missing in zip(joints.joints, (whole & np.isnan(joints.angle_rad))[0, 0], strict=True) if missing.any()
-        }
+        missing = (whole & np.isnan(joints.angle_rad))[0, 0].any(axis=-1)
+        lost |= {joints.joints[q] for q in np.flatnonzero(missing)}
     assert {"left_knee", "right_elbow", "left_ankle"} <= lost
 
 
-def test_the_tracker_refuses_another_skeleton(posed):
+def test_the_tracker_refuses_another_skeleton():
     with pytest.raises(ShapeError, match="expected skeleton coco17, got blazepose33"):
-        JointTracker(SKELETONS["coco17"]).step(posed([BENT]).at(0))
+        JointTracker(SKELETONS["coco17"]).step(sequence_of([BENT]).at(0))
 
 
 def test_quaternions_agree_with_scipy_for_any_turn():
     turns = Rotation.random(500, rng=3)
     turns = Rotation.concatenate([turns, Rotation.from_rotvec(np.pi * np.eye(3)), Rotation.identity()])
     wxyz = np.empty((len(turns), 4))
-    kernels.quaternions(turns.as_matrix(), wxyz)
+    kinematics.kernels.quaternions(turns.as_matrix(), wxyz)
     expected = turns.as_quat(scalar_first=True)
     np.testing.assert_allclose(np.abs((wxyz * expected).sum(-1)), 1, atol=1e-12)
     assert (wxyz[:, 0] >= 0).all()
@@ -298,11 +260,8 @@ PAGE = Path(__file__).parents[2] / "docs" / "kinematics.md"
 
 def test_every_joint_is_documented_with_its_sequence_and_angles():
     rows = dict(re.findall(r"^\| (\w+) \|[^|]*\| ([XYZ]-[XYZ]-[XYZ] \| [a-z_, ]+) \|", PAGE.read_text(), re.MULTILINE))
-    expected = {
-        j.name.removeprefix("left_").removeprefix("right_"): f"{'-'.join(j.sequence)} | {', '.join(j.angle_names)}"
-        for j in JOINTS
-    }
-    assert rows == expected
+    said = {re.sub("left_|right_", "", j.name): f"{'-'.join(j.sequence)} | {', '.join(j.angle_names)}" for j in kinematics.JOINTS}
+    assert rows == said
 
 
 # --- where the body faces, by clues that do not depend on which side is called left
@@ -311,25 +270,22 @@ def test_every_joint_is_documented_with_its_sequence_and_angles():
 LIMBS = {"left_knee": (40.0, 0.0, 0.0), "right_knee": (25.0, 0.0, 0.0), "left_elbow": (70.0, 0.0, 0.0)}
 
 
-def test_clues_turn_with_the_limbs_whose_sides_are_exchanged_and_not_with_the_world(posed) -> None:
-    sequence = posed([LIMBS] * 3)
-    votes = facing_votes(sequence)
+def test_clues_turn_with_the_limbs_whose_sides_are_exchanged_and_not_with_the_world() -> None:
+    sequence = sequence_of([LIMBS] * 3)
+    votes = kinematics.facing_votes(sequence)
     assert votes.shape == (2, 3, 1)
     assert (votes >= 4).all()
     for part, (left, right) in enumerate(sequence.skeleton.limbs):
         order = np.arange(len(sequence.skeleton))
         order[left], order[right] = right, left
-        exchanged = facing_votes(replace(sequence, xyz_world=sequence.xyz_world[:, :, order]))
+        exchanged = kinematics.facing_votes(replace(sequence, xyz_world=sequence.xyz_world[:, :, order]))
         assert (exchanged[part] <= -4).all()
         assert (exchanged[1 - part] >= 4).all()
     new_from_old = SE3.from_rotvec([0.4, -1.0, 0.3], [3.0, -2.0, 1.0])
-    assert np.array_equal(facing_votes(replace(sequence, xyz_world=new_from_old @ sequence.xyz_world)), votes)
+    assert np.array_equal(kinematics.facing_votes(replace(sequence, xyz_world=new_from_old @ sequence.xyz_world)), votes)
 
 
-def test_without_face_feet_and_knees_there_is_no_clue(posed) -> None:
-    sequence = posed([LIMBS])
-    xyz = np.array(sequence.xyz_world)
-    xyz[:, :, [k for k, name in enumerate(sequence.skeleton.keypoints) if name.endswith(("nose", "heel", "index", "knee"))]] = (
-        np.nan
-    )
-    assert not facing_votes(replace(sequence, xyz_world=xyz)).any()
+def test_without_face_feet_and_knees_there_is_no_clue() -> None:
+    sequence = sequence_of([LIMBS])
+    clues = [name for name in sequence.skeleton.keypoints if name.endswith(("nose", "heel", "index", "knee"))]
+    assert not kinematics.facing_votes(unseen(sequence, *clues)).any()

@@ -3,9 +3,7 @@ import pytest
 from built import detections
 
 from posefuse.association import AssociateSettings, associate
-from posefuse.core import SE3, SKELETONS, Rig
-
-COCO = SKELETONS["coco17"]
+from posefuse.core import SE3, Rig
 
 
 @pytest.fixture
@@ -14,9 +12,8 @@ def scene(ring_rig):
     rig = ring_rig(4, distortion=(-0.2, 0.05, 0.001, -0.002))
     rng = np.random.default_rng(0)
     upright = np.linspace(1.6, 0.1, 17)[:, None] * [0, 0, 1]
-    people = np.stack(
-        [rng.normal(size=(17, 3)) * [0.15, 0.2, 0.1] + upright + [x, y, 0] for x, y in ((0, 0), (0.4, 1.2), (-1.4, -0.8))]
-    )
+    places = ((0, 0, 0), (0.4, 1.2, 0), (-1.4, -0.8, 0))
+    people = np.stack([rng.normal(size=(17, 3)) * [0.15, 0.2, 0.1] + upright + place for place in places])
     reports = []
     for camera in rig:
         who = rng.permutation(3)[: 2 + rng.integers(2)]

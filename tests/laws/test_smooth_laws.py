@@ -1,6 +1,6 @@
 import numpy as np
 import pytest
-from built import poses, white_jerk
+from built import of_white_jerk, poses
 
 from posefuse.core import SE3, Kind
 from posefuse.tracking import SmoothSettings, smooth
@@ -74,12 +74,7 @@ def test_covariance_matches_the_errors_on_motion_of_its_own_model():
     # so little that the jerk of 6 Hz leaves accelerations that a person can have: in gaps larger ones are held back
     noise = np.array([[4.0, 1.0, 0.5], [1.0, 9.0, 2.0], [0.5, 2.0, 3.0]]) * 1e-7
     dt, people = 1 / 60, 12
-    density = _jerk_density(T_NS * 1e-9, noise[None], 6.0)
-    step, process = white_jerk(dt, density)
-    state, truth = np.zeros((3, people, 17, 3)), np.empty((300, people, 17, 3))
-    for i in range(300):
-        truth[i] = state[0]
-        state = np.tensordot(step, state, 1) + np.tensordot(process, rng.normal(size=state.shape), 1)
+    truth = of_white_jerk(300, people, dt, _jerk_density(T_NS * 1e-9, noise[None], 6.0), rng)
     seen = truth + rng.normal(size=truth.shape) @ np.linalg.cholesky(noise).T
     for start in range(20, 280, 40):
         seen[start : start + 9] = np.nan

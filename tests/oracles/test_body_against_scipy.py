@@ -7,17 +7,9 @@ from scipy.optimize import least_squares
 
 from posefuse.core import Rig
 from posefuse.core.skeleton import COCO17
-from posefuse.kinematics.body import (
-    BodyModel,
-    BodySettings,
-    LengthPrior,
-    bodies_from_poses,
-    fit_kernels,
-    tree_kernels,
-    with_solved_lengths,
-)
+from posefuse.kinematics.body import BodySettings, LengthPrior, bodies_from_poses, fit_kernels, tree_kernels, with_solved_lengths
 from posefuse.kinematics.body.filter import Measurement, guessed_state
-from posefuse.kinematics.body.model import Packed, packed_from_body
+from posefuse.kinematics.body.model import BodyModel, Packed, packed_from_body
 from posefuse.kinematics.body.shape import slopes_of
 from posefuse.kinematics.joints import FrameBuffers
 from posefuse.kinematics.settings import JointSettings

@@ -1,13 +1,13 @@
 """Our files and angles before OpenSim: it reads them without a warning, and its own inverse kinematics agrees."""
 
-import dataclasses
 import sys
 from dataclasses import replace
 
 import numpy as np
 import pytest
+from built import unseen
 from checks import refusal
-from figure import sequence_of
+from figure import sequence_of, walking
 
 from posefuse.core import DependencyError, InputError, PoseSequence
 from posefuse.formats.mot import motion_from_joints, read_mot, write_mot
@@ -24,16 +24,7 @@ OURS = {
 
 
 def figures() -> PoseSequence:
-    frames = []
-    for t in np.arange(0, 0.8, 0.02):
-        w = np.sin(2 * np.pi * t)
-        trunk = {"pelvis": (15 * t, 3 * w, 4), "trunk": (0, 4 * w, 6)}
-        legs = {"left_hip": (25 * w, 4, 5), "right_hip": (-25 * w, 3, 5), "right_ankle": (10 * w, 2, 3)}
-        knees = {"left_knee": (40 + 20 * w, 0, 0), "right_knee": (35, 0, 0)}
-        arms = {"left_arm": (20 * w, -9, 10), "right_arm": (-20 * w, -9, 10), "left_wrist": (30 + 20 * w, 5, 2)}
-        elbows = {"left_elbow": (40, 0, 0), "right_elbow": (50 + 9 * w, 0, 0)}
-        frames.append(trunk | legs | knees | arms | elbows)
-    return sequence_of(frames, rate_hz=50.0)
+    return sequence_of([walking(t_s) for t_s in np.arange(0, 0.8, 0.02)], rate_hz=50.0)
 
 
 @pytest.fixture(scope="module")
@@ -45,10 +36,7 @@ def osim():
 def solved(osim, tmp_path_factory):
     folder = tmp_path_factory.mktemp("opensim")
     sequence = figures()
-    xyz = sequence.xyz_world.copy()
-    xyz[10:14, :, sequence.skeleton.index("left_ear")] = np.nan
-    holed = replace(sequence, xyz_world=xyz)
-    return folder, sequence, opensim_motion(holed, folder)
+    return folder, sequence, opensim_motion(unseen(sequence, "left_ear", steps=slice(10, 14)), folder)
 
 
 def test_its_inverse_kinematics_agrees_with_our_angles(solved):
@@ -79,10 +67,7 @@ def test_it_opens_the_model_and_our_motions(solved, osim, tmp_path):
     model = osim.Model(str(folder / MODEL_FILE))
     model.initSystem()
     assert model.getMarkerSet().getSize() == 23
-    sequence = replace(sequence, xyz_world=sequence.xyz_world.copy())
-    sequence.xyz_world.setflags(write=True)
-    sequence.xyz_world[10:14, :, sequence.skeleton.index("left_elbow")] = np.nan
-    ours, note = motion_from_joints(joints_from_poses(sequence))
+    ours, note = motion_from_joints(joints_from_poses(unseen(sequence, "left_elbow", steps=slice(10, 14))))
     assert "bridged" in note
     write_mot(tmp_path / "angles.mot", ours)
     table = osim.TimeSeriesTable(str(tmp_path / "angles.mot"))
@@ -93,7 +78,7 @@ def test_it_opens_the_model_and_our_motions(solved, osim, tmp_path):
     assert osim.Storage(str(tmp_path / "angles.mot")).getSize() == len(sequence)
 
 
-def test_a_motion_moves_a_model_to_the_points(solved, osim, tmp_path):
+def test_a_motion_moves_a_model_to_the_points(solved, osim):
     """The coordinates of angles.mot, put into a model with the usual names, bring its limbs to where the keypoints are.
 
     The person faces away from the ground's X, so that the sequence of the pelvis' turns counts.
@@ -108,9 +93,8 @@ def test_a_motion_moves_a_model_to_the_points(solved, osim, tmp_path):
     for i in (0, 12, 30):
         for name in moved:
             value = motion.column(name)[i]
-            coordinates[name].setValue(
-                state, value if name in ("pelvis_tx", "pelvis_ty", "pelvis_tz") else np.radians(value), False
-            )
+            metres = name in ("pelvis_tx", "pelvis_ty", "pelvis_tz")
+            coordinates[name].setValue(state, value if metres else np.radians(value), False)
         model.realizePosition(state)
         for marker in model.getMarkerSet():
             name, found_m = marker.getName(), marker.getLocationInGround(state).to_numpy()
@@ -128,18 +112,12 @@ def test_its_motion_comes_back_as_it_wrote_it(solved, osim):
 
 def stretched(body, factor: float):
     """The same skeleton with limbs longer by a factor, and hips and shoulders that stay."""
-    offset = np.array(
-        [
-            o * (factor if n.offset.endswith(("elbow", "wrist", "knee", "ankle")) else 1.0)
-            for n, o in zip(body.nodes, body.offset, strict=True)
-        ]
-    )
-    limbs = ("upper_arm", "forearm", "thigh", "shank")
-    lengths = {
-        name: dataclasses.replace(one, value_m=one.value_m * factor) if name.endswith(limbs) else one
-        for name, one in body.lengths.items()
-    }
-    return dataclasses.replace(body, offset=offset, lengths=lengths)
+    longer = np.array([node.offset.endswith(("elbow", "wrist", "knee", "ankle")) for node in body.nodes])
+    lengths = dict(body.lengths)
+    for name in lengths:
+        if name.endswith(("upper_arm", "forearm", "thigh", "shank")):
+            lengths[name] = replace(lengths[name], value_m=lengths[name].value_m * factor)
+    return replace(body, offset=body.offset * np.where(longer, factor, 1.0)[:, None], lengths=lengths)
 
 
 def test_a_users_own_model_gets_the_persons_lengths(osim, tmp_path):
@@ -193,7 +171,7 @@ def test_what_hips_and_shoulders_leave_open_stays_at_its_default(osim, tmp_path,
     sequence = figures()
     stiff = opensim_motion(sequence, tmp_path)
     torso, *others = opensim_path._LINKS
-    bending = dataclasses.replace(torso, turns=(("lumbar_extension", (0.0, 0.0, 1.0)), *torso.turns))
+    bending = replace(torso, turns=(("lumbar_extension", (0.0, 0.0, 1.0)), *torso.turns))
     monkeypatch.setattr(opensim_path, "_LINKS", (bending, *others))
     write_opensim_model(tmp_path / "other.osim", bodies_from_poses(sequence)[0])
     motion = scaled_motion(tmp_path / "other.osim", sequence, tmp_path)

@@ -16,23 +16,13 @@ pytest.importorskip("mujoco")
 
 from paper.__main__ import main
 from paper.experiments import latency, runs, scaling
-from paper.experiments.latency import (
-    SETTLED_S,
-    STAGES,
-    Listener,
-    LiveTimes,
-    live_figures,
-    live_times,
-    passages,
-    spike_plots,
-    view_spikes,
-)
+from paper.experiments.latency import SETTLED_S, STAGES, Listener, LiveTimes, live_figures, live_times, passages
 from paper.experiments.runs import Console, Context, Run, run_scene
 from paper.experiments.summary import write_summary
 from paper.experiments.tables import joint_rows
 from paper.scenes import paper
 from paper.scenes.scaling import STUDIES, Errors, Study
-from paper.scenes.scenes import CHECK_SEEDS, walking_scene
+from paper.scenes.scenes import CHECK_SEEDS, path_scene, walking_scene
 from posefuse.core import SourceError
 from posefuse.core.skeleton import PAPER14
 from posefuse.outputs.live.udp import UdpStream
@@ -83,11 +73,7 @@ def on_the_clip(demo_session: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     monkeypatch.setattr(runs, "rendered", lambda *_: demo_session)
     monkeypatch.setattr(latency, "rendered", lambda *_: demo_session)
     monkeypatch.setattr(latency, "live_times", lambda *_: some_times())
-    monkeypatch.setattr(
-        scaling,
-        "run_study",
-        lambda name, *_: Study(*STUDIES[name][:2], (0.0, 1.0), (MADE_UP, MADE_UP)),
-    )
+    monkeypatch.setattr(scaling, "run_study", lambda name, *_: Study(*STUDIES[name][:2], (0.0, 1.0), (MADE_UP, MADE_UP)))
     return demo_session
 
 
@@ -133,9 +119,7 @@ def test_a_page_holds_every_part(name: str, on_the_clip: Path, tmp_path: Path, r
             assert re.fullmatch(r"\d+\.\d ± \d+\.\d", rows[joint.replace("_", " ")])
 
 
-def test_settings_that_cannot_be_are_refused_before_anything_is_rendered(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_settings_that_cannot_be_are_refused_before_anything_is_rendered(tmp_path, monkeypatch, capsys) -> None:
     monkeypatch.setattr(runs, "simulate", lambda *_: pytest.fail("rendered"))
     for override, complaint in (("detector.name=openpos", "openpos"), ("detector.options.landmark=x", "landmark"),
                                 ("detector.options.landmarks=huge", "huge"),
@@ -167,7 +151,8 @@ def test_a_scene_is_rendered_once_and_finished_where_it_broke_off(tmp_path: Path
     (folder / "truth" / "truth.npz").unlink()
     runs.rendered("x", walking_scene(), context)
     assert made == [folder, folder]
-    assert runs.rendered("x", walking_scene(2), context) != folder
+    others = {runs.rendered("x", scene, context) for scene in (walking_scene(2), path_scene("circle"), path_scene("circle", 5.0))}
+    assert len(others - {folder}) == 3
 
 
 def test_joints_stand_next_to_the_papers(done: Run) -> None:
@@ -218,7 +203,7 @@ def test_live_figures_are_those_of_each_camera() -> None:
         one = figures["cameras"][name]
         assert one["stages_ms"]["2D"]["mean"] == pytest.approx(10 + c)
         assert one["total_ms"]["median"] == pytest.approx(15 + c) and one["views"] == 15
-    lines = view_spikes(live, 2, float(np.median(live.passed_s[:, 0])))
+    lines = latency.view_spikes(live, 2, float(np.median(live.passed_s[:, 0])))
     assert [line.name for line in lines] == list(STAGES)
     np.testing.assert_allclose([lines[0].low[0], lines[0].high[0]], [0, 1], atol=1e-9)
     np.testing.assert_allclose([lines[-1].low[0], lines[-1].high[0]], [16, 17], atol=1e-9)
@@ -226,7 +211,7 @@ def test_live_figures_are_those_of_each_camera() -> None:
     silent = LiveTimes(CAMERAS, live.camera[live.camera != 3], live.passed_s[live.camera != 3], 0.5, 100.0)
     figures = live_figures(silent, dict.fromkeys(CAMERAS, 2.0))
     assert list(figures["cameras"]) == list(CAMERAS[:3])
-    plots: Any = spike_plots(silent)
+    plots: Any = latency.spike_plots(silent)
     assert [len(plot.series[0].x) > 0 for plot in plots] == [True, True, True, False]
 
 

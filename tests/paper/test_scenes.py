@@ -7,20 +7,10 @@ import numpy as np
 import pytest
 
 from paper.experiments.runs import Console, Context, run_scene
-from paper.scenes import paper
+from paper.scenes import paper, scenes
 from paper.scenes.inertial import SuitNoise, drift, standing_point, suit_joints
 from paper.scenes.scaling import Setup, _errors, measure, run_study
-from paper.scenes.scenes import (
-    CHECK_SEEDS,
-    HALF_HIDDEN,
-    HIDDEN_JOINTS,
-    PATHS,
-    half_hidden_scene,
-    path_scene,
-    scene_name,
-    static_scene,
-    walking_scene,
-)
+from paper.scenes.scenes import HIDDEN_JOINTS, half_hidden_scene, path_scene, scene_name, static_scene, walking_scene
 from posefuse.core import ConfigError, Truth
 from posefuse.core.skeleton import COCO17, PAPER14, pick_keypoints
 from posefuse_sim.exact import truth_of
@@ -46,11 +36,12 @@ def test_the_papers_columns_average_to_what_the_paper_prints(case: str) -> None:
 
 
 def test_reported_scenes_share_no_body_with_any_fit() -> None:
-    bodies = [person.body.random_seed for seed in (1, *CHECK_SEEDS) for scene in
+    bodies = [person.body.random_seed for seed in (1, *scenes.CHECK_SEEDS) for scene in
               (static_scene(True, seed), walking_scene(seed)) for person in scene.people]  # fmt: skip
     assert all(body is None or not 7000 <= body <= 7207 for body in bodies)
     assert half_hidden_scene("screen").people[0].body.random_seed is None
-    assert len({scene_name("x", scene) for scene in (static_scene(True), static_scene(False), *map(path_scene, PATHS))}) == 5
+    reported = (static_scene(True), static_scene(False), *map(path_scene, scenes.PATHS))
+    assert len({scene_name("x", scene) for scene in reported}) == 5
 
 
 def suit_pelvis(truth: Truth, noise: SuitNoise | None = None, seed: int = 0) -> np.ndarray:
@@ -59,7 +50,7 @@ def suit_pelvis(truth: Truth, noise: SuitNoise | None = None, seed: int = 0) -> 
 
 def test_screens_hide_the_left_half_from_the_two_cameras_before_it_alone() -> None:
     seen = {}
-    for case in HALF_HIDDEN:
+    for case in scenes.HALF_HIDDEN:
         truth = truth_of(half_hidden_scene(case, 2.0))
         joints = truth.skeleton.indices(HIDDEN_JOINTS)
         other = truth.skeleton.indices([joint.replace("left", "right") for joint in HIDDEN_JOINTS])
@@ -134,13 +125,6 @@ def test_weights_are_compared_on_the_points_that_both_give() -> None:
     assert errors.robust_mm == pytest.approx(32.5)
     assert (errors.robust_same_mm, errors.score_same_mm) == (10.0, 12.0)
     assert (errors.robust_found, errors.score_found) == (1.0, 0.75)
-
-
-def test_paths_are_as_long_and_as_fine_as_asked() -> None:
-    scene = path_scene("circle", 5.0, 30.0)
-    assert (scene.duration_s, scene.rate_hz) == (5.0, 30.0)
-    assert (path_scene("circle").duration_s, path_scene("circle").rate_hz) == (40.0, 15.0)
-    assert scene_name("x", scene) != scene_name("x", path_scene("circle"))
 
 
 @pytest.mark.slow

@@ -22,10 +22,10 @@ from posefuse.core import InputError, Rig, silent
 from posefuse.formats.rig import write_rig
 from posefuse.foundation.channel import Channel
 from posefuse.foundation.worker import Worker
-from posefuse.pipeline.batch import find_trials, run_study
+from posefuse.pipeline.batch import find_trials, processes, run_study
 from posefuse.pipeline.batch import study as study_module
 from posefuse.pipeline.batch.page import study_page
-from posefuse.pipeline.batch.processes import default_jobs, outcomes_here, run_trial
+from posefuse.pipeline.batch.processes import outcomes_here, run_trial
 from posefuse.pipeline.batch.tasks import Outcome, Task, run_task
 from posefuse.pipeline.result_folder import ResultFolder, unfinished_work
 
@@ -95,9 +95,7 @@ def test_a_failure_is_named_and_the_rest_is_finished(folder: Path, here: list[st
     assert "broken" in (tmp_path / "out" / "study.html").read_text(encoding="utf-8")
 
 
-def test_the_command_shows_the_reason_of_a_failure_once(
-    folder: Path, here: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_the_command_shows_the_reason_of_a_failure_once(folder, here, tmp_path, capsys) -> None:
     shown = error(capsys, "batch", folder, "--out", tmp_path / "out", "--outputs", "trc", "--no-report", *as_options(SETTINGS))
     assert shown.count("P02/broken: failed: ") == 1 and "1 of 4 trials failed; the reasons are above and in" in shown
 
@@ -112,9 +110,7 @@ def test_complete_trials_are_kept_and_others_tried_again(folder: Path, here: lis
     assert {path: path.stat().st_mtime_ns for path in (tmp_path / "out" / "P01").rglob("*")} == before
 
 
-def test_an_interrupted_trial_continues_from_its_detections(
-    folder: Path, here: list[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_an_interrupted_trial_continues_from_its_detections(folder, here, tmp_path, monkeypatch) -> None:
     task = first_task(folder, tmp_path / "out")
     with monkeypatch.context() as broken:
         broken.setattr("posefuse.pipeline.track.write_result", interrupt)
@@ -226,18 +222,14 @@ def test_means_are_of_participants_and_not_of_trials() -> None:
 
 
 def test_at_least_one_trial_fits_into_a_machine(monkeypatch: pytest.MonkeyPatch) -> None:
-    from posefuse.pipeline.batch import processes
-
     monkeypatch.setattr(processes, "usable_cores", lambda: 16)
     for free, jobs in ((None, 1), (1, 1), (5_000_000_000, 2), (10**12, 8)):
         monkeypatch.setattr(processes, "available_memory_bytes", lambda free=free: free)
-        assert default_jobs() == jobs
+        assert processes.default_jobs() == jobs
 
 
 def test_without_a_scheduler_one_line_reports_it(folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     pytest.importorskip("distributed")
-    from posefuse.pipeline.batch import processes
-
     monkeypatch.setattr(processes, "_CONNECT_S", 0.5)
     with pytest.raises(InputError, match="no Dask scheduler answers there"):
         run(folder, tmp_path / "out", scheduler="tcp://127.0.0.1:9", progress=silent)

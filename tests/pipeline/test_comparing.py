@@ -13,7 +13,7 @@ pytest.importorskip("rosbags", reason="the extra `ros` is not installed")
 
 import posefuse
 from posefuse.cli.main import main
-from posefuse.core import SE3, CameraTruth, InputError, LivePose, LiveStart, Pose3D, Recording, Rig, Truth
+from posefuse.core import SE3, InputError, LivePose, LiveStart, Pose3D, Recording, Rig
 from posefuse.core.observations import observations_from_frames
 from posefuse.core.skeleton import ANATOMICAL23
 from posefuse.evaluation.tracks import looped
@@ -44,14 +44,9 @@ def world(tmp_path: Path, ring_rig: Callable[..., Rig]) -> Path:
     """What `posefuse simulate --gazebo` writes of its truth."""
     rig, t_ns = ring_rig(3), np.arange(0, round(LOOP_S * 1e9), 4_166_667)
     xyz = np.stack([person_at(t_ns / 1e9, 1), person_at(t_ns / 1e9, 0)], axis=1)
-    none = np.zeros((0, 2, K), bool)
-    views = tuple(
-        CameraTruth(camera=name, t_ns=np.zeros(0, np.int64), xy_img=np.zeros((0, 2, K, 2)), visible=none) for name in rig.names
-    )
-    truth = Truth(rig=rig, t_ns=t_ns, skeleton=ANATOMICAL23, person_id=np.arange(2), xyz_world=xyz, views=views, joints=None)
     folder = tmp_path / "world"
     (folder / "truth").mkdir(parents=True)
-    write_truth(folder / "truth" / "truth.npz", truth)
+    write_truth(folder / "truth" / "truth.npz", built.truth(rig, xyz, t_ns, ANATOMICAL23))
     write_loop(folder / "truth", round(LOOP_S * 1e9))
     return folder
 
@@ -85,9 +80,7 @@ def test_the_error_is_found_by_simulation_time(tmp_path: Path, world: Path, ring
 
 
 @pytest.mark.parametrize("live_first", [False, True])
-def test_a_recording_without_people_is_one_line(
-    tmp_path: Path, world: Path, ring_rig: Callable[..., Rig], capsys: pytest.CaptureFixture, live_first: bool
-) -> None:
+def test_a_recording_without_people_is_one_line(tmp_path, world, ring_rig, capsys, live_first: bool) -> None:
     output = RecordConfig(path=tmp_path / "a.mcap").build()
     rig = ring_rig(3)
     output.take(LiveStart(t_ns=BEGIN_NS, rig=rig, rate_hz=100.0, clock_offset_ns=0, notes=notes_of(rig, LiveConfig()), part=1))
@@ -125,9 +118,8 @@ def to_and_fro(rig: Rig, start_s: float, rate_hz: float, off_m: np.ndarray) -> R
     steps = 0.15 * np.sin(4 * phase)[:, None] * np.where(np.arange(K) % 2, 1, -1)
     c, s = np.cos(turned)[:, None], np.sin(turned)[:, None]
     local = np.stack([0.05 * REST[:, 0] + steps, np.broadcast_to(0.3 * REST[:, 1], (len(t_s), K))], axis=-1)
-    xy = np.stack(
-        [c * local[..., 0] - s * local[..., 1] + np.sin(phase)[:, None], s * local[..., 0] + c * local[..., 1]], axis=-1
-    )
+    x, y = local[..., 0], local[..., 1]
+    xy = np.stack([c * x - s * y + np.sin(phase)[:, None], s * x + c * y], axis=-1)
     xyz = np.concatenate([xy, np.broadcast_to(REST[:, 2:], (len(t_s), K, 1))], axis=-1) + off_m
     t_ns = np.round((t_s - start_s) * 1e9).astype(np.int64)
     poses = built.poses(xyz[:, None], skeleton=ANATOMICAL23, t_ns=t_ns)

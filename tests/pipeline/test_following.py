@@ -1,21 +1,27 @@
 """Following people through a recording: when views have image regions, and when whole images are searched."""
 
 import dataclasses
-from collections.abc import Iterable, Iterator
+import weakref
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
-from built import detections, standing
+from built import detections, standing, turned
+from checks import refusal
+from videos import write_video
 
 from posefuse.association import AssociateSettings, with_persons
-from posefuse.core import SE3, DetectionBatch, Detections2D, LookKind, Observations, Pose3D, Rig, SourceError
+from posefuse.core import DetectionBatch, Detections2D, LookKind, Observations, Pose3D, Rig, SourceError
 from posefuse.core.skeleton import COCO17
 from posefuse.core.values import keypoint_boxes
 from posefuse.fusion import FuseSettings
 from posefuse.pipeline.following import Followed, PeopleFollower, observations_of
-from posefuse.pipeline.time_steps import common_timeline, stored_steps
+from posefuse.pipeline.time_steps import ImageStep, ImageTimeSteps, common_timeline, stored_steps
 from posefuse.pipeline.track import others_line, others_seen
+from posefuse.sources.video import VideoConfig, VideoSource
 
 K = len(COCO17)
 PERIOD_NS = 33_333_333
@@ -194,6 +200,16 @@ def test_the_timeline_is_in_phase_with_the_fastest_camera_and_covers_all() -> No
         common_timeline({"slow": slow, "fast": fast}, None, 5.0, 6.0)
 
 
+def test_the_number_of_time_steps_is_limited(monkeypatch: pytest.MonkeyPatch) -> None:
+    times_ns = {"a": np.arange(100) * 33_333_333, "b": np.arange(100) * 33_333_333}
+    assert common_timeline(times_ns, 1000.0, None, None).count > 3000
+    late = times_ns | {"b": times_ns["b"] + 3 * 10**18}
+    refusal(SourceError, r"9e\+10 time steps", common_timeline, late, None, None, None)
+    monkeypatch.setattr("posefuse.pipeline.time_steps._MOST_TIME_STEPS", 1000)
+    with pytest.raises(SourceError, match=r"3301 time steps \(3\.301 s at 1000 Hz\); expected at most 1000: check rate_hz"):
+        common_timeline(times_ns, 1000.0, None, None)
+
+
 @pytest.mark.parametrize("early_ms", [3, 8, 13, 18, 199])
 def test_the_first_time_step_is_the_one_nearest_to_the_first_frame(early_ms: int) -> None:
     fast = np.arange(10, 40) * 20_000_000
@@ -221,13 +237,10 @@ def test_a_newcomer_of_two_views_is_dropped_when_three_others_see_no_person_ther
     ring_rig, cameras: int, outside: int, count: int
 ) -> None:
     """`outside`: of the other cameras, how many do not have the place in their image."""
-    turned = SE3(np.array([0.0, 0.0, 1.0, 0.0]), np.zeros(3))
     rig = ring_rig(cameras)
-    views = [
-        dataclasses.replace(one, cam_from_world=turned @ one.cam_from_world) if c >= cameras - outside else one
-        for c, one in enumerate(rig)
-    ]
-    stage = Reflection(dataclasses.replace(rig, cameras=tuple(views)), {0: range(3)}, count=3)
+    for c in range(cameras - outside, cameras):
+        rig = turned(rig, c, [0.0, np.pi, 0.0])
+    stage = Reflection(rig, {0: range(3)}, count=3)
     stage.people[0] = standing()
     assert [len(one.pose.person_id) for one in followed(stage)] == [count] * 3
 
@@ -361,3 +374,64 @@ def test_one_line_names_the_cameras_and_one_camera_alone_is_not_reported() -> No
     assert line == "up to 2 more people were seen than the 1 followed: a (2), b (1); `people=N` follows more"
     assert others_line({"a": 3}, 1) is None
     assert others_line({}, 1) is None
+
+
+# --- what --resume decodes: from the key frame before the first time step that is missing, where all before it is known
+
+
+COUNT, GOP, DONE = 96, 12, 70
+
+
+def log_of(steps: list[ImageStep], rig: Rig) -> Observations:
+    """Of steps in which no person was found."""
+    batches = []
+    for i, step in enumerate(steps):
+        found = tuple(Detections2D.empty(one.camera, one.t_ns, COCO17) for one in step.frames if one)
+        batches.append(DetectionBatch(step=i, t_ns=step.t_ns, kind=LookKind.SEARCH, detections=found))
+    return Observations.from_batches(COCO17, rig.names, batches)
+
+
+class Detector:
+    """Looks at nothing."""
+
+
+def time_steps(rig: Rig, path: Path, detector: Any) -> ImageTimeSteps:
+    """Of a video that all cameras share."""
+    write_video(path, [np.full((48, 64, 3), 2 * i, np.uint8) for i in range(COUNT)], "mpeg4", options={"g": str(GOP)})
+    sources = [VideoConfig(path, name).build() for name in rig.names]
+    line = common_timeline({one.camera: one.times_ns() for one in sources}, None, None, None)
+    return ImageTimeSteps(rig, sources, detector, line, None)
+
+
+def test_the_detector_is_let_go_before_the_solve(ring_rig: Callable[..., Rig], tmp_path: Path) -> None:
+    """Its network would take memory that an hour needs."""
+    detector = Detector()
+    images, held = time_steps(ring_rig(2), tmp_path / "a.mp4", detector), weakref.ref(detector)
+    del detector
+    assert len(list(images.steps())) == COUNT and held() is not None
+    images.close()
+    assert held() is None
+
+
+@pytest.mark.parametrize("missing", [False, True])
+def test_few_frames_before_the_first_missing_one_are_decoded(ring_rig, tmp_path, monkeypatch, missing: bool) -> None:
+    rig, decoded, real = ring_rig(2), [0], VideoSource._decoded_frames
+
+    def counting(*arguments: Any) -> Iterator[Any]:
+        for one in real(*arguments):
+            decoded[0] += 1
+            yield one
+
+    images = time_steps(rig, tmp_path / "a.mp4", Detector())
+    whole = list(images.steps())
+    log = log_of(whole[:DONE], rig)
+    if missing:  # one frame whose detections are not known, as where it could not be read
+        log = log.only(np.arange(len(log.frame_t_ns)) != 9)
+    monkeypatch.setattr(VideoSource, "_decoded_frames", counting)
+    rest = list(images.steps(log))
+    assert [step.t_ns for step in rest] == [step.t_ns for step in whole[DONE:]] and len(rest) == COUNT - DONE
+    for one, other in zip(rest, whole[DONE:], strict=True):
+        for mine, theirs in zip(one.frames, other.frames, strict=True):
+            np.testing.assert_array_equal(mine.image, theirs.image)
+    least = COUNT if missing else COUNT - DONE
+    assert least + COUNT - DONE <= decoded[0] <= least + COUNT - DONE + 2 * (GOP + 2)

@@ -1,6 +1,5 @@
 """Draw a frame; skip, by name, what cannot be drawn here."""
 
-import importlib.util
 from collections.abc import Callable
 
 import pytest
@@ -11,17 +10,13 @@ from posefuse_sim import Scene
 from posefuse_sim.build import LiveScene, live_scene
 from posefuse_sim.render.model import render_model
 from posefuse_sim.render.shot import CameraShooter, Shot
-from posefuse_sim.render.stage import RenderStage
+from posefuse_sim.render.stage import RenderStage, working_backend
 from posefuse_sim.source import shot_image
 
 
 @pytest.fixture(scope="session")
 def backend() -> str:
     """A working OpenGL backend."""
-    if importlib.util.find_spec("mujoco") is None:
-        pytest.skip("the extra sim (mujoco) is not installed")
-    from posefuse_sim.render.stage import working_backend
-
     try:
         return working_backend()
     except DependencyError as error:

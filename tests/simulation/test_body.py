@@ -67,9 +67,8 @@ def test_joint_centre_is_fixed_in_both_segments(body: SimulatedBody, joint: str,
     point = body.keypoints(moved)[:, KEYPOINTS.index(f"{side}_{joint}")]
     for bone in HINGES[joint]:
         name = bone if bone in body.bone_names else f"{bone}.{letter}"
-        local = np.einsum(
-            "tij,tj->ti", np.linalg.inv(moved[:, body.bone(name)])[:, :3, :3], point - moved[:, body.bone(name), :3, 3]
-        )
+        at = moved[:, body.bone(name)]
+        local = np.einsum("tij,tj->ti", np.linalg.inv(at)[:, :3, :3], point - at[:, :3, 3])
         assert np.abs(local - body.points_rest[f"{side}_{joint}"]).max() < 1e-9
 
 
@@ -137,9 +136,7 @@ def test_truth_gives_back_an_imposed_rotation(body: SimulatedBody, joint: str) -
         ("neck", 2, "nose", [0, 1, 0]), ("right_elbow", 0, "right_wrist", [1, 0, 0]),
     ],
 )  # fmt: skip
-def test_positive_angles_mean_what_they_are_called(
-    body: SimulatedBody, joint: str, angle: int, moves: str, towards: list[int]
-) -> None:
+def test_positive_angles_mean_what_they_are_called(body, joint: str, angle: int, moves: str, towards: list[int]) -> None:
     def point(value: float) -> np.ndarray:
         axes = {"pelvis": np.array([[1.0, 0, 0], [0, 0, -1.0], [0, 1.0, 0]])}
         for j in JOINTS:

@@ -2,40 +2,28 @@
 
 import numpy as np
 import pytest
+from built import standing, straight
+from scenes import listed, scene, still
 
-from posefuse.core import Rig
-from posefuse_sim import Scene
-from posefuse_sim.build import live_scene
-from posefuse_sim.cameras import ImageSettings, ListedCameras, PlacedCamera, SensorSettings
+from posefuse.core import SE3, Rig
+from posefuse.core.skeleton import ANATOMICAL23
+from posefuse_sim.build import LiveScene, live_scene
 from posefuse_sim.exact import prop_truth, seen_points, visible_by_shapes
-from posefuse_sim.props import ArucoCube, CharucoBoard, StillPath, WavedPath
+from posefuse_sim.surroundings import FLESH_M, Box, BoxOccluder, ClutterOccluder, WallOccluder, boxes_of, hidden_by_shapes
 
+_FISHEYE = {"lens": "fisheye", "distortion": [0.03, -0.01, 0.002, 0.0], "K": [[420.0, 0, 450.0], [0, 421.0, 449.0], [0, 0, 1]]}
 _CAMERAS = (
-    PlacedCamera(name="tilted", position_m=(3.2, 0.4, 2.5), roll_deg=37, image=ImageSettings(size_px=(1280, 720))),
-    PlacedCamera(
-        name="bent", position_m=(-1.5, 3.1, 0.4),
-        image=ImageSettings(size_px=(640, 480), distortion=(-0.31, 0.12, 0.003, -0.002, -0.02)),
-    ),
-    PlacedCamera(
-        name="fish", position_m=(-2.8, -1.9, 1.7), roll_deg=-90,
-        image=ImageSettings(
-            size_px=(900, 901), lens="fisheye", distortion=(0.03, -0.01, 0.002, 0.0),
-            K=((420.0, 0, 450.0), (0, 421.0, 449.0), (0, 0, 1.0)),
-        ),
-    ),
-    PlacedCamera(name="small", position_m=(1.0, -3.5, 2.0), image=ImageSettings(size_px=(320, 200))),
-)  # fmt: skip
+    {"name": "tilted", "position_m": [3.2, 0.4, 2.5], "roll_deg": 37, "image": {"size_px": [1280, 720]}},
+    {"name": "bent", "position_m": [-1.5, 3.1, 0.4], "image": {"distortion": [-0.31, 0.12, 0.003, -0.002, -0.02]}},
+    {"name": "fish", "position_m": [-2.8, -1.9, 1.7], "roll_deg": -90, "image": {"size_px": [900, 901], **_FISHEYE}},
+    {"name": "small", "position_m": [1.0, -3.5, 2.0], "image": {"size_px": [320, 200]}},
+)
+_WAVED = {"kind": "waved", "speed_mps": 2.5}
 
 
-def _scene(sensor: SensorSettings = SensorSettings(), path=WavedPath(kind="waved", speed_mps=2.5)) -> Scene:  # noqa: B008
-    cameras = tuple(
-        PlacedCamera(**{name: getattr(c, name) for name in ("name", "position_m", "roll_deg", "image")}, sensor=sensor)
-        for c in _CAMERAS
-    )
-    return Scene(
-        duration_s=2, rate_hz=10, cameras=ListedCameras(kind="list", cameras=cameras),
-        props=(CharucoBoard(kind="charuco_board", path=path),),
-    )  # fmt: skip
+def _live(path=_WAVED, *, prop="charuco_board", duration_s=2, rate_hz=10, **sensor) -> LiveScene:
+    cameras = listed(*({**camera, "sensor": sensor} for camera in _CAMERAS))
+    return live_scene(scene(duration_s=duration_s, rate_hz=rate_hz, cameras=cameras, props=[{"kind": prop, "path": path}]))
 
 
 def _triangulated(rig: Rig, xy_img: np.ndarray) -> np.ndarray:
@@ -44,13 +32,12 @@ def _triangulated(rig: Rig, xy_img: np.ndarray) -> np.ndarray:
     poses = np.stack([camera.cam_from_world.matrix4()[:3] for camera in rig])
     rows = norm[..., None] * poses[:, None, None, None, 2] - poses[:, None, None, :2]
     a = np.moveaxis(rows, 0, 2).reshape(*norm.shape[1:3], -1, 4)
-    return np.stack([np.linalg.lstsq(m[:, :3], -m[:, 3], rcond=None)[0] for m in a.reshape(-1, *a.shape[2:])]).reshape(
-        *norm.shape[1:3], 3
-    )
+    flat = [np.linalg.lstsq(m[:, :3], -m[:, 3], rcond=None)[0] for m in a.reshape(-1, *a.shape[2:])]
+    return np.reshape(flat, (*norm.shape[1:3], 3))
 
 
 def test_exact_pixels_triangulate_to_the_exact_points():
-    live = live_scene(_scene())
+    live = _live()
     seen = [seen_points(live, c, slice(0, 20)) for c in range(4)]
     xyz = _triangulated(live.rig, np.stack([one.xy_img for one in seen]))
     assert np.linalg.norm(xyz - seen[0].xyz_world, axis=-1).max() < 1e-7
@@ -58,7 +45,7 @@ def test_exact_pixels_triangulate_to_the_exact_points():
 
 def test_a_rolling_shutter_is_seen_by_every_point_at_its_own_row():
     readout_s = 0.03
-    live = live_scene(_scene(SensorSettings(readout_s=readout_s)))
+    live = _live(readout_s=readout_s)
     prop = live.props[0]
     for c, camera in enumerate(live.rig):
         seen = seen_points(live, c, slice(3, 8))
@@ -70,23 +57,21 @@ def test_a_rolling_shutter_is_seen_by_every_point_at_its_own_row():
             there = np.stack([pose[i] @ prop.points_prop[q] for i in range(5)])
             # a parabola through three moments of the readout
             assert np.linalg.norm(there - seen.xyz_world[:, q], axis=-1)[inside].max(initial=0) < 2e-4
-    frozen = seen_points(live_scene(_scene()), 0, slice(3, 8))
+    frozen = seen_points(_live(), 0, slice(3, 8))
     assert np.nanmax(np.abs(frozen.xy_img - seen_points(live, 0, slice(3, 8)).xy_img)) > 1
 
 
 def test_printed_points_are_possible_only_from_the_front():
     for roll_deg, expected in ((0.0, True), (180.0, False)):
-        live = live_scene(_scene(path=StillPath(kind="still", position_m=(0, 0, 0.3), roll_deg=roll_deg)))
+        live = _live(still([0, 0, 0.3], roll_deg=roll_deg))
         assert seen_points(live, 0, slice(0, 1)).possible.all() == expected
         assert visible_by_shapes(live, 0, slice(0, 1)).any() == expected
 
 
 def test_prop_truth_agrees_with_itself():
-    live = live_scene(_scene())
+    live = _live()
     visible = [visible_by_shapes(live, c, slice(0, 20)) for c in range(4)]
     arrays = prop_truth(live, visible)
-    from posefuse.core import SE3
-
     for c, camera in enumerate(live.rig):
         pose = SE3(arrays[f"prop0_view{c}_wxyz"], arrays[f"prop0_view{c}_xyz"])
         expected = np.stack([camera.project(pose[f] @ arrays["prop0_points_prop"]) for f in range(20)])
@@ -94,9 +79,8 @@ def test_prop_truth_agrees_with_itself():
 
 
 def test_a_waved_cube_stays_in_its_box_and_moves_at_about_its_speed():
-    path = WavedPath(kind="waved", centre_m=(0.2, -0.1, 1.0), extent_m=(1.8, 1.2, 0.8), speed_mps=0.7, turn_dps=60.0)
-    scene = Scene(duration_s=60, rate_hz=30, cameras=_scene().cameras, props=(ArucoCube(kind="aruco_cube", path=path),))
-    live = live_scene(scene)
+    path = {"kind": "waved", "centre_m": [0.2, -0.1, 1.0], "extent_m": [1.8, 1.2, 0.8], "speed_mps": 0.7, "turn_dps": 60.0}
+    live = _live(path, prop="aruco_cube", duration_s=60, rate_hz=30)
     t_s = live.t_ns / 1e9
     pose = live.prop_poses(t_s)[0]
     assert (np.abs(pose.xyz - [0.2, -0.1, 1.0]) <= np.array([0.9, 0.6, 0.4]) + 1e-9).all()
@@ -107,3 +91,79 @@ def test_a_waved_cube_stays_in_its_box_and_moves_at_about_its_speed():
     assert (up.max(axis=0) > 0.6).all() and (up.min(axis=0) < -0.6).all()
     turn = (pose[np.arange(len(t_s) - 1)].inverse() @ pose[np.arange(1, len(t_s))]).rotvec()
     assert np.rad2deg(np.linalg.norm(turn, axis=-1)).mean() * 30 == pytest.approx(60.0, rel=0.9)
+
+
+# --- geometry of what hides what
+
+
+_EYE = np.array([4.0, -0.3, 1.6])
+
+
+def test_a_box_hides_as_many_small_steps_along_the_line_say():
+    rng = np.random.default_rng(5)
+    box = Box(np.array([0.5, 0.2, 0.8]), SE3.from_rotvec([0.2, -0.4, 1.1], [1.0, 0.2, 1.1]), (0.5, 0.5, 0.5))
+    points = rng.uniform([-2, -2, 0], [3, 2, 3], (400, 3))
+    steps = np.linspace(0, 1, 4001)[:, None, None]
+    met = box.contains(_EYE + steps * (points - _EYE)).any(axis=0)
+    hidden = box.between(_EYE, points)
+    assert 20 < met.sum() < 380
+    # steps may miss a corner that is only grazed
+    assert (met <= hidden).all() and (hidden & ~met).sum() <= 4
+
+
+def test_a_box_behind_the_point_or_behind_the_eye_hides_nothing():
+    box = boxes_of((BoxOccluder(kind="box", position_m=(1.0, 0.0, 1.0), size_m=(0.4, 0.4, 0.4)),), 0)[0]
+    eye = np.array([3.0, 0.0, 1.0])
+    points = np.array([[2.0, 0, 1], [1.5, 0, 1], [0.0, 0, 1], [0.0, 1, 1], [4.0, 0, 1]])
+    np.testing.assert_array_equal(box.between(eye, points), [False, False, True, False, False])
+
+
+def test_a_line_along_a_face_is_decided_without_noise():
+    box = Box(np.ones(3), SE3.identity(), (0, 0, 0))
+    with np.errstate(all="raise", divide="ignore", invalid="ignore"):
+        assert not box.between(np.array([3.0, 2.0, 0.0]), np.array([[-3.0, 2.0, 0.0]]))[0]
+        assert box.between(np.array([3.0, 0.5, 0.0]), np.array([[-3.0, 0.5, 0.0]]))[0]
+
+
+def test_a_wall_stands_between_its_points():
+    wall = boxes_of((WallOccluder(kind="wall", from_m=(-1.0, 1.0), to_m=(1.0, 3.0), height_m=1.5),), 0)[0]
+    assert wall.contains(np.array([[0.0, 2.0, 0.1], [-0.99, 1.01, 1.49], [0.99, 2.99, 0.75]])).all()
+    assert not wall.contains(np.array([[0.0, 2.0, 1.6], [0.3, 1.7, 0.5], [1.2, 3.2, 0.5]])).any()
+
+
+def test_clutter_keeps_its_distance_and_its_seed():
+    clutter = ClutterOccluder(kind="clutter", count=7, keep_clear_m=1.2)
+    boxes = boxes_of((clutter,), 4)
+    assert len(boxes) == 7
+    around = np.linspace(0, 2 * np.pi, 60)
+    ring = np.stack([1.15 * np.cos(around), 1.15 * np.sin(around), np.full(60, 0.1)], axis=-1)
+    assert not any(box.contains(ring).any() for box in boxes)
+    np.testing.assert_array_equal(boxes[3].half_m, boxes_of((clutter,), 4)[3].half_m)
+    assert not np.array_equal(boxes[3].half_m, boxes_of((clutter,), 5)[3].half_m)
+
+
+def test_clutter_that_does_not_fit_is_refused():
+    from posefuse.core import ConfigError
+
+    with pytest.raises(ConfigError, match=r"only 0 of 6 boxes fit.*make the area larger"):
+        boxes_of((ClutterOccluder(kind="clutter", area_m=(1.0, 1.0), keep_clear_m=3.0),), 0)
+
+
+def test_a_person_in_front_hides_and_no_person_hides_the_side_that_is_seen():
+    people = np.stack([standing(x, skeleton=ANATOMICAL23) for x in (0.0, 1.5)])[None]
+    flesh = np.tile(FLESH_M, 2)
+    eye = np.array([5.0, 0.0, 1.4])
+    hidden = hidden_by_shapes(eye, people.reshape(1, -1, 3), flesh, (), people).reshape(2, -1)
+    heels = ANATOMICAL23.indices(["left_heel", "right_heel"])
+    np.testing.assert_array_equal(np.flatnonzero(hidden[1]), heels)
+    torso = ANATOMICAL23.indices(["left_shoulder", "right_hip", "left_knee"])
+    assert hidden[0][torso].all()
+
+
+def test_the_own_body_hides_the_far_side():
+    people = straight(ANATOMICAL23, elbow=(0.0, 0.25, 1.12), wrist=(0.0, 0.28, 0.88))[None, None]
+    from_left = hidden_by_shapes(np.array([0.0, 5.0, 1.3]), people[:, 0], FLESH_M, (), people)[0]
+    hidden = {name for name, is_hidden in zip(ANATOMICAL23.keypoints, from_left, strict=True) if is_hidden}
+    assert {"right_shoulder", "right_hip", "right_ear"} <= hidden
+    # the arm hangs before the hip
+    assert {name for name in hidden if name.startswith("left_")} == {"left_hip"}

@@ -2,44 +2,34 @@
 
 import dataclasses
 import os
-import subprocess
 import sys
 
 import numpy as np
 import pytest
 from calibrating import refined
 from checks import refusal
+from running import python
+from scenes import PLAIN_ROOM, listed, scene, still
 
-from posefuse.core import SE3, DependencyError, Frame
+from posefuse.core import SE3, DependencyError, Frame, InputError
 from posefuse.core.skeleton import ANATOMICAL23, pick_keypoints
 from posefuse.detection.blazepose import BlazePoseConfig
 from posefuse_sim import build
-from posefuse_sim.body import BodyShapeSettings
 from posefuse_sim.build import live_scene
-from posefuse_sim.cameras import ImageSettings, ListedCameras, PlacedCamera, RingCameras, SensorSettings
+from posefuse_sim.cameras import SensorSettings
 from posefuse_sim.exact import seen_points
-from posefuse_sim.motion.settings import StandSettings
-from posefuse_sim.props import CharucoBoard, StillPath
 from posefuse_sim.render import stage as backends
 from posefuse_sim.render.shot import moments_of
-from posefuse_sim.scene import PersonSettings, Scene
-from posefuse_sim.surroundings import RoomSettings
+from posefuse_sim.scene import Scene
 
 _SPEED_MPS = 3.0
+_BOARD = {"kind": "charuco_board", "squares": [5, 7], "square_m": 0.14, "marker_m": 0.05, "path": still([-1.5, 0.0, 0.9])}
+_EYE = {"name": "eye", "position_m": [0.0, 0.0, 2.6], "look_at_m": [0.0, 0.0, 0.9], "image": {"size_px": [400, 300]}}
 
 
 def _scene(seed: int = 0, **sensor) -> Scene:
     """A board that flies sideways past a camera which looks straight at it."""
-    camera = PlacedCamera(
-        name="eye", position_m=(0.0, 0.0, 2.6), look_at_m=(0.0, 0.0, 0.9),
-        image=ImageSettings(size_px=(400, 300)), sensor=SensorSettings(**sensor),
-    )  # fmt: skip
-    still = StillPath(kind="still", position_m=(-1.5, 0.0, 0.9))
-    board = CharucoBoard(kind="charuco_board", squares=(5, 7), square_m=0.14, marker_m=0.05, path=still)
-    room = RoomSettings(floor="plain", walls="plain", shadows=False)
-    return Scene(
-        duration_s=1, rate_hz=20, seed=seed, cameras=ListedCameras(kind="list", cameras=(camera,)), props=(board,), room=room
-    )
+    return scene(rate_hz=20, seed=seed, cameras=listed({**_EYE, "sensor": sensor}), props=[_BOARD], room=PLAIN_ROOM)
 
 
 @pytest.fixture(autouse=True)
@@ -75,10 +65,8 @@ def test_exposure_smears_along_the_motion_only(shots):
     corners = seen_points(live, 0, slice(10, 11)).xy_img[0]
     (left, top), (right, bottom) = corners.min(axis=0).astype(int), corners.max(axis=0).astype(int)
     board = (slice(top, bottom), slice(left + 20, right - 20))
-    along, across = (
-        [np.square(np.diff(shot.image[board].astype(float).mean(axis=2), axis=axis)).mean() for shot in (sharp, smeared)]
-        for axis in (1, 0)
-    )
+    grey = [shot.image[board].astype(float).mean(axis=2) for shot in (sharp, smeared)]
+    along, across = ([np.square(np.diff(one, axis=axis)).mean() for one in grey] for axis in (1, 0))
     assert along[1] / along[0] < 0.6 * across[1] / across[0]
     assert along[1] < 0.3 * along[0]
 
@@ -104,29 +92,30 @@ def test_moments_cover_the_rows_once_and_the_readout_symmetrically():
     assert len(moments_of(SensorSettings(), 480)) == 1
 
 
-@pytest.mark.gl
-@pytest.mark.parametrize("name", backends.BACKENDS)
-def test_each_backend_draws_or_is_skipped_by_name(name, backend):
-    code = f"""
+_DRAW = """
+import sys
 import numpy as np
-from posefuse_sim.render import stage as b
-from posefuse_sim.cameras import *
+from scenes import scene
+from posefuse.core.ideal_image import optics_of
 from posefuse_sim.build import live_scene
-from posefuse_sim.scene import Scene
 from posefuse_sim.render.model import render_model
 from posefuse_sim.render.stage import RenderStage
-from posefuse.core.ideal_image import optics_of
-live = live_scene(Scene(duration_s=1, cameras=RingCameras(kind="ring", image=ImageSettings(size_px=(64, 48)))))
-stage = RenderStage(render_model(live, (64, 48), {name!r}), {name!r})
+live, name = live_scene(scene(cameras={"kind": "ring", "image": {"size_px": [64, 48]}})), sys.argv[1]
+stage, eye = RenderStage(render_model(live, (64, 48), name), name), live.rig.cameras[0]
 stage.place(np.zeros((0, 7)))
-image, depth = stage.draw(optics_of(live.rig.cameras[0]).view, live.rig.cameras[0].cam_from_world)
+image, depth = stage.draw(optics_of(eye).view, eye.cam_from_world)
 stage.close()
 print(int(image.mean()), round(float(depth[40, 32]), 2))
 """
+
+
+@pytest.mark.gl
+@pytest.mark.parametrize("name", backends.BACKENDS)
+def test_each_backend_draws_or_is_skipped_by_name(name, backend):
     reason = backends._why_not(name)
     if reason is not None:
         pytest.skip(f"{name} does not work here: {reason}")
-    run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False, timeout=120)
+    run = python("-c", _DRAW, name, PYTHONPATH=os.pathsep.join(sys.path))
     assert run.returncode == 0, run.stderr
     brightness, depth_m = run.stdout.split()
     assert 60 < int(brightness) < 220
@@ -160,6 +149,12 @@ def test_the_reason_is_what_the_process_met_and_no_advice_of_its_own(monkeypatch
         backends._tried.cache_clear()
 
 
+def test_an_image_larger_than_the_framebuffer_is_refused(monkeypatch):
+    monkeypatch.setattr(backends, "_largest_side_px", lambda _: 4096)
+    backends.check_framebuffer("egl", 4096)
+    refusal(InputError, r"side of 5000 px .* expected at most 4096 px", backends.check_framebuffer, "egl", 5000)
+
+
 @pytest.mark.gl
 def test_two_stages_of_one_process_do_not_disturb_each_other(shots):
     _, [first] = shots(_scene(1))
@@ -170,9 +165,8 @@ def test_two_stages_of_one_process_do_not_disturb_each_other(shots):
 # --- are the pictures good enough? The real network looks at a simulated person from every side
 
 
-_LIMBS = tuple(
-    f"{side}_{joint}" for side in ("left", "right") for joint in ("shoulder", "elbow", "wrist", "hip", "knee", "ankle")
-)
+_JOINTS = ("shoulder", "elbow", "wrist", "hip", "knee", "ankle")
+_LIMBS = tuple(f"{side}_{joint}" for side in ("left", "right") for joint in _JOINTS)
 
 
 @pytest.fixture(scope="module")
@@ -183,9 +177,8 @@ def network(models):
 @pytest.mark.gl
 @pytest.mark.parametrize("sex", ["female", "male"])
 def test_the_network_finds_the_person_from_every_side(sex, network, shots):
-    person = PersonSettings(body=BodyShapeSettings(sex=sex), motion=StandSettings(kind="wave", heading_deg=15))
-    ring = RingCameras(kind="ring", count=8, radius_m=4.0, image=ImageSettings(size_px=(640, 480)))
-    live, taken = shots(Scene(duration_s=0.1, cameras=ring, people=(person,)))
+    person = {"body": {"sex": sex}, "motion": {"kind": "wave", "heading_deg": 15}}
+    live, taken = shots(scene(cameras={"kind": "ring", "count": 8, "radius_m": 4.0}, people=[person]))
     frames, truth = [], []
     for c, (camera, shot) in enumerate(zip(live.rig, taken, strict=True)):
         frames.append(Frame(camera=camera.name, seq=0, t_ns=0, received_ns=0, image=shot.image))

@@ -1,21 +1,19 @@
 """Scene files: what is read, and what is refused with file, key, expected and got."""
 
-import dataclasses
 from pathlib import Path
 
 import numpy as np
 import pytest
 import yaml
 from checks import refusal
+from scenes import listed, scene
 
 from posefuse.core import ConfigError
 from posefuse.formats.truth import read_truth
 from posefuse_sim import Scene, read_scene
-from posefuse_sim.build import live_scene
-from posefuse_sim.cameras import ListedCameras, PlacedCamera, RingCameras
-from posefuse_sim.motion.settings import CirclePath, StandSettings, WalkSettings
-from posefuse_sim.scene import PersonSettings, plain_settings
-from posefuse_sim.surroundings import BoxOccluder, RoomSettings
+from posefuse_sim.build import live_scene, shots_of
+from posefuse_sim.cameras import placed_cameras, rig_from_cameras
+from posefuse_sim.scene import plain_settings
 
 _EXAMPLES = sorted((Path(__file__).resolve().parents[2] / "examples" / "scenes").glob("*.yaml"))
 
@@ -32,82 +30,77 @@ def test_there_are_examples():
 
 @pytest.mark.parametrize("path", _EXAMPLES, ids=lambda path: path.stem)
 def test_examples_are_valid_and_written_settings_read_back_equal(path, tmp_path):
-    scene = read_scene(path)
-    assert _read(tmp_path, yaml.safe_dump(plain_settings(scene))) == scene
+    read = read_scene(path)
+    assert _read(tmp_path, yaml.safe_dump(plain_settings(read))) == read
 
 
 def test_the_papers_walking_scene_is_the_papers():
-    scene = read_scene(next(path for path in _EXAMPLES if path.stem == "walk_4cam"))
-    assert (scene.duration_s, scene.rate_hz, scene.cameras.count, scene.cameras.radius_m) == (60, 30, 4, 4.5)
-    assert scene.people[0].motion.speed_mps == 1.35
+    read = read_scene(next(path for path in _EXAMPLES if path.stem == "walk_4cam"))
+    assert (read.duration_s, read.rate_hz, read.cameras.count, read.cameras.radius_m) == (60, 30, 4, 4.5)
+    assert read.people[0].motion.speed_mps == 1.35
+
+
+_TOP = "duration_s: 1\ncameras: {kind: ring}\n"
 
 
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("duration_s: 1\ncameras: {kind: ring}\ncolour: red", r"scene\.yaml: unknown key 'colour'; there are: .*duration_s"),
-        (
-            "duration_s: 1\ncameras: {kind: ring, count: 0}",
-            r"scene\.yaml: cameras\.ring\.count: .*greater than or equal to 1, got 0",
-        ),
+        (f"{_TOP}colour: red", r"unknown key 'colour'; there are: .*duration_s"),
+        ("duration_s: 1\ncameras: {kind: ring, count: 0}", r"cameras\.ring\.count: .*greater than or equal to 1, got 0"),
         ("duration_s: 1\ncameras: {kind: ring, count: 1000000}", "less than or equal to 1000, got 1000000"),
         ("duration_s: 1\ncameras: {kind: ring, image: {size_px: [20000, 9]}}", "less than or equal to 16384, got 20000"),
-        ("duration_s: 1\nrate_hz: 0\ncameras: {kind: ring}", r"scene\.yaml: rate_hz: .*greater than 0, got 0"),
-        ("duration_s: 1\ncameras: {kind: sphere}", r"scene\.yaml: cameras: .*'ring'.*'list'.*got"),
-        ("duration_s: 5 s\ncameras: {kind: ring}", r"scene\.yaml: duration_s: .*number.*got '5 s'"),
-        ("cameras: {kind: ring}", r"scene\.yaml: duration_s: missing"),
+        (f"{_TOP}rate_hz: 0", "rate_hz: .*greater than 0, got 0"),
+        ("duration_s: 1\ncameras: {kind: sphere}", "cameras: .*'ring'.*'list'.*got"),
+        ("duration_s: 5 s\ncameras: {kind: ring}", "duration_s: .*number.*got '5 s'"),
+        ("cameras: {kind: ring}", "duration_s: missing"),
         ("duration_s: 1\ncameras: {kind: ring, image: {width: 640}}", r"unknown key '.*image\.width'"),
-        ("duration_s: 1\ncameras: {kind: ring, sensor: {drop_fraction: 1.0}}", r"drop_fraction: .*less than 1, got 1.0"),
-        ("duration_s: 1\ncameras: {kind: list, cameras: []}", r"cameras: .*at least 1 item"),
+        ("duration_s: 1\ncameras: {kind: ring, sensor: {drop_fraction: 1.0}}", "drop_fraction: .*less than 1, got 1.0"),
+        ("duration_s: 1\ncameras: {kind: list, cameras: []}", "cameras: .*at least 1 item"),
         (
-            "duration_s: 1\ncameras: {kind: list, cameras: [{name: a, position_m: [1, 0, 2]}, {name: a, position_m: [2, 0, 2]}]}",
-            r"scene\.yaml: cameras: name: used twice: a",
+            "duration_s: 1\ncameras: {kind: list, cameras: [&a {name: a, position_m: [1, 0, 2]}, *a]}",
+            "name: used twice: a",
         ),
         (
-            "duration_s: 1\ncameras: {kind: ring}\nprops: [{kind: aruco_cube, path: {kind: carried, person: 2}}]",
+            f"{_TOP}props: [{{kind: aruco_cube, path: {{kind: carried, person: 2}}}}]",
             r"props: cube: path\.person: no person 2; there are: none",
         ),
-        ("[1, 2]", r"scene\.yaml: expected keys with values at the top, got list"),
+        ("[1, 2]", "expected keys with values at the top, got list"),
     ],
 )
 def test_wrong_files_are_refused_in_one_line(tmp_path, text, message):
-    with pytest.raises(ConfigError, match=message) as caught:
-        _read(tmp_path, text)
-    assert "\n" not in str(caught.value)
+    refusal(ConfigError, rf"scene\.yaml: .*{message}", _read, tmp_path, text)
 
 
-def _eye(position_m: tuple[float, float, float]) -> ListedCameras:
-    return ListedCameras(kind="list", cameras=(PlacedCamera(name="eye", position_m=position_m, look_at_m=(0.0, 0.0, 0.2)),))
+def _eye(*position_m: float) -> dict:
+    return {"cameras": listed({"name": "eye", "position_m": position_m, "look_at_m": [0.0, 0.0, 0.2]})}
 
 
-_RING = Scene(duration_s=1.0, cameras=RingCameras(kind="ring"))
-_MAN = PersonSettings(motion=StandSettings(kind="tpose"))
-_FAR = PersonSettings(motion=WalkSettings(kind="walk", path=CirclePath(shape="circle", radius_m=6.0)))
+_MAN = {"motion": {"kind": "tpose"}}
+_FAR = {"motion": {"kind": "walk", "path": {"shape": "circle", "radius_m": 6.0}}}
+_BOX = {"kind": "box", "position_m": [2.0, 0.0, 1.0], "size_m": [0.6, 0.6, 0.6]}
+_SMALL = {"size_m": [3.0, 8.0]}
 
 
 @pytest.mark.gl
 @pytest.mark.parametrize(
-    ("scene", "message"),
+    ("content", "message"),
     [
         (
-            dataclasses.replace(_RING, cameras=_eye((0.0, 0.1, 1.3)), people=(_MAN,)),
+            {**_eye(0.0, 0.1, 1.3), "people": [_MAN]},
             r"camera eye: stands at \(0.00, 0.10, 1.30\) m, inside or touching people\.0 at 0.0 s; keep 0.25 m",
         ),
-        (dataclasses.replace(_RING, people=(_FAR,)), r"people\.0: leaves the floor of .* at 0.0 s; make room.size_m larger"),
+        ({"people": [_FAR]}, r"people\.0: leaves the floor of .* at 0.0 s; make room.size_m larger"),
+        ({**_eye(2.1, 0.1, 1.2), "occluders": [_BOX]}, r"camera eye: stands at .* inside box 0 of the occluders"),
+        ({"room": _SMALL}, r"camera cam00: stands at .* outside the room of \(3.00, 8.00\) m"),
     ],
 )
-def test_people_are_kept_from_cameras_and_on_the_floor(scene, message):
-    refusal(ConfigError, message, live_scene, scene)
+def test_people_and_cameras_are_kept_from_each_other_and_within_the_room(content, message):
+    refusal(ConfigError, message, live_scene, scene(**content))
 
 
-def test_cameras_are_kept_out_of_boxes_and_walls():
-    box = BoxOccluder(kind="box", position_m=(2.0, 0.0, 1.0), size_m=(0.6, 0.6, 0.6))
-    with pytest.raises(ConfigError, match=r"camera eye: stands at .* inside box 0 of the occluders"):
-        live_scene(dataclasses.replace(_RING, cameras=_eye((2.1, 0.1, 1.2)), occluders=(box,)))
-    small = RoomSettings(size_m=(3.0, 8.0))
-    with pytest.raises(ConfigError, match=r"camera cam00: stands at .* outside the room of \(3.00, 8.00\) m"):
-        live_scene(dataclasses.replace(_RING, room=small))
-    live_scene(dataclasses.replace(_RING, room=dataclasses.replace(small, walls="none")))
+def test_without_walls_cameras_may_stand_beyond_the_floor():
+    live_scene(scene(room={**_SMALL, "walls": "none"}))
 
 
 @pytest.mark.parametrize(
@@ -122,26 +115,165 @@ def test_cameras_are_kept_out_of_boxes_and_walls():
     ],
 )
 def test_settings_of_another_kind_of_motion_are_refused(tmp_path, motion, message):
-    with pytest.raises(ConfigError, match=message):
-        _read(tmp_path, f"duration_s: 1\ncameras: {{kind: ring}}\npeople: [{{motion: {{{motion}}}}}]")
+    refusal(ConfigError, message, _read, tmp_path, f"{_TOP}people: [{{motion: {{{motion}}}}}]")
 
 
-def test_marker_settings_that_cannot_be_are_refused(tmp_path):
-    base = "duration_s: 1\ncameras: {kind: ring}\nprops: [{kind: aruco_cube, %s}]"
-    for text, message in (
-        ("marker_m: 0.3", r"prop cube: marker_m 0.3 leaves no white border inside side_m 0.2"),
-        ("dictionary: DICT_9X9", r"prop cube: dictionary: no 'DICT_9X9'; there are: .*DICT_4X4_50"),
-        ("first_id: 47", r"prop cube: DICT_4X4_50 has 50 markers, marker 50 is needed"),
-    ):
-        refusal(ConfigError, message, live_scene, _read(tmp_path, base % text))
+@pytest.mark.parametrize(
+    ("settings", "message"),
+    [
+        ({"marker_m": 0.3}, "prop cube: marker_m 0.3 leaves no white border inside side_m 0.2"),
+        ({"dictionary": "DICT_9X9"}, "prop cube: dictionary: no 'DICT_9X9'; there are: .*DICT_4X4_50"),
+        ({"first_id": 47}, "prop cube: DICT_4X4_50 has 50 markers, marker 50 is needed"),
+    ],
+)
+def test_marker_settings_that_cannot_be_are_refused(settings, message):
+    refusal(ConfigError, message, live_scene, scene(props=[{"kind": "aruco_cube", **settings}]))
 
 
 @pytest.mark.gl
 def test_the_bundled_clip_is_the_demo_scene_of_today():
     """When this fails, `make demo-clip` renders it again."""
     bundled = _EXAMPLES[0].parents[1] / "demo"
-    scene = read_scene(bundled / "scene.yaml")
-    assert scene == read_scene(bundled.parent / "scenes" / "demo.yaml")
-    live, truth = live_scene(scene), read_truth(bundled / "truth" / "truth.npz")
+    demo = read_scene(bundled / "scene.yaml")
+    assert demo == read_scene(bundled.parent / "scenes" / "demo.yaml")
+    live, truth = live_scene(demo), read_truth(bundled / "truth" / "truth.npz")
     assert live.rig.id == truth.rig.id
     np.testing.assert_allclose(live.keypoints(truth.t_ns[::50] / 1e9), truth.xyz_world[::50], atol=1e-4)
+
+
+# --- where cameras stand and look
+
+
+def _ring(**content):
+    return rig_from_cameras(placed_cameras(scene(cameras={"kind": "ring", **content}).cameras))
+
+
+def _seen_by(xyz, **content):
+    """px of a point in one camera at a place of its own."""
+    return rig_from_cameras(placed_cameras(scene(cameras=listed({"name": "a", **content})).cameras)).project(np.array(xyz))[0]
+
+
+def test_a_ring_looks_at_its_point_from_its_circle():
+    rig = _ring(count=5, radius_m=3.0, height_m=1.7, centre_m=[0.5, -1.0], look_at_m=[0.2, 0.1, 0.9])
+    centres = rig.centres_world()
+    np.testing.assert_allclose(np.hypot(centres[:, 0] - 0.5, centres[:, 1] + 1.0), 3.0)
+    np.testing.assert_allclose(centres[:, 2], 1.7)
+    middle = np.tile([(640 - 1) / 2, (480 - 1) / 2], (5, 1))
+    np.testing.assert_allclose(rig.project(np.array([0.2, 0.1, 0.9])), middle, atol=1e-9)
+
+
+def test_up_is_up_in_every_picture():
+    rig = _ring()
+    low, high = rig.project(np.array([0, 0, 0.5])), rig.project(np.array([0, 0, 1.5]))
+    assert (high[:, 1] < low[:, 1] - 50).all()
+    np.testing.assert_allclose(high[:, 0], low[:, 0], atol=1e-9)
+
+
+def test_the_field_of_view_is_between_the_edges():
+    camera = _ring(count=1, image={"size_px": [800, 600], "horizontal_fov_deg": 70.0}).cameras[0]
+    left, right = camera.norm_from_px(np.array([[-0.5, 299.5], [799.5, 299.5]]))[:, 0]
+    assert np.rad2deg(np.arctan(right) - np.arctan(left)) == pytest.approx(70.0)
+
+
+def test_roll_turns_the_camera_clockwise_so_the_world_turns_the_other_way():
+    above = _seen_by([0.0, 0.0, 1.5], position_m=[0.0, -3.0, 1.0], look_at_m=[0.0, 0.0, 1.0], roll_deg=90.0)
+    # turned clockwise by a quarter, what was up is now on the left
+    assert above[0] < 300 and above[1] == pytest.approx(239.5)
+
+
+def test_a_camera_may_look_straight_down():
+    north = _seen_by([0.0, 0.5, 0.0], position_m=[0.0, 0.0, 3.0], look_at_m=[0.0, 0.0, 0.0])
+    assert north[1] < 239 and north[0] == pytest.approx(319.5)
+
+
+def test_overrides_change_one_camera_only():
+    rig = _ring(count=3, overrides={"cam01": {"image": {"size_px": [320, 200]}, "sensor": {"readout_s": 0.01}}})
+    assert [camera.size_wh for camera in rig] == [(640, 480), (320, 200), (640, 480)]
+    assert [camera.readout_s for camera in rig] == [0.0, 0.01, 0.0]
+
+
+@pytest.mark.parametrize(
+    ("cameras", "message"),
+    [
+        ({"overrides": {"cam9": {}}}, "no camera 'cam9'; there are: cam00, cam01, cam02, cam03"),
+        ({"image": {"distortion": [0.1]}}, r"camera cam00: distortion.*got 1"),
+        ({"image": {"K": [[-5.0, 0, 1], [0, 5.0, 1], [0, 0, 1]]}}, "camera cam00: K: expected"),
+        (listed({"name": "a", "position_m": [0, 0, 1], "look_at_m": [0, 0, 1]}), "camera a: look_at_m is its own position"),
+        ({"radius_m": 1e308}, "camera cam00: expected a position within 1e.06 m of look_at_m"),
+    ],
+)
+def test_impossible_cameras_are_refused(cameras, message):
+    refusal(ConfigError, message, _ring, **cameras)
+
+
+# --- clocks: what a camera exposes when, and what it writes on it
+
+
+def _shots(seed=3, index=1, rate_hz=25.0, start_s=2.0, duration_s=40.0, **sensor):
+    cameras = listed({"name": "left", "position_m": [3.0, 0.0, 1.0], "sensor": sensor})
+    made = scene(duration_s=duration_s, start_s=start_s, rate_hz=rate_hz, seed=seed, cameras=cameras)
+    return shots_of(made, index, made.cameras.cameras[0])
+
+
+def test_a_perfect_camera_keeps_the_nominal_times():
+    shots = _shots()
+    expected = np.round((2.0 + np.arange(1000) / 25.0) * 1e9)
+    np.testing.assert_array_equal(shots.t_ns, expected)
+    np.testing.assert_array_equal(shots.stamp_ns, expected)
+    np.testing.assert_array_equal(shots.seq, np.arange(1000))
+
+
+def test_offset_and_drift_are_a_line_through_true_and_stamped_times():
+    shots = _shots(offset_s=-0.7, drift_ppm=150.0, jitter_s=0.002, drop_fraction=0.1)
+    slope, offset = np.polyfit(shots.t_ns / 1e9, shots.stamp_ns / 1e9, 1)
+    assert slope - 1 == pytest.approx(150e-6, rel=1e-6)
+    assert offset == pytest.approx(-0.7, abs=1e-8)
+
+
+def test_a_fast_clock_takes_frames_sooner():
+    shots = _shots(drift_ppm=5000.0)
+    assert np.diff(shots.t_ns).mean() == pytest.approx(1e9 / 25 / 1.005, rel=1e-9)
+    # in its own opinion it is exactly on time
+    assert np.diff(shots.stamp_ns) == pytest.approx(1e9 / 25, abs=2)
+
+
+def test_jitter_has_its_size_and_the_stamps_know_it():
+    shots = _shots(jitter_s=0.003)
+    off_s = shots.t_ns / 1e9 - (2.0 + shots.seq / 25.0)
+    assert np.std(off_s[1:]) == pytest.approx(0.003, rel=0.1)
+    np.testing.assert_allclose(shots.stamp_ns, shots.t_ns, atol=1)
+
+
+def test_stamp_noise_is_what_the_stamps_do_not_know():
+    shots = _shots(stamp_noise_s=0.002)
+    assert np.std(shots.stamp_ns - shots.t_ns) == pytest.approx(2e6, rel=0.1)
+
+
+def test_dropped_frames_leave_gaps_in_the_numbers():
+    shots = _shots(drop_fraction=0.2)
+    assert len(shots) == pytest.approx(800, abs=50)
+    np.testing.assert_array_equal(shots.t_ns, np.round((2.0 + shots.seq / 25.0) * 1e9))
+    assert (np.diff(shots.seq) > 1).any()
+
+
+def test_wild_jitter_keeps_the_order():
+    assert (np.diff(_shots(jitter_s=0.5).t_ns) > 0).all()
+
+
+def test_same_seed_same_shots_and_cameras_differ():
+    faults = {"jitter_s": 0.002, "drop_fraction": 0.1}
+    np.testing.assert_array_equal(_shots(**faults).t_ns, _shots(**faults).t_ns)
+    assert not np.array_equal(_shots(**faults).seq, _shots(index=2, **faults).seq)
+    assert not np.array_equal(_shots(**faults).seq, _shots(seed=4, **faults).seq)
+
+
+@pytest.mark.parametrize(
+    ("sensor", "message"),
+    [
+        ({"offset_s": -3.0}, r"camera left: its clock starts at -1.000 s.*set start_s to at least 3.000"),
+        ({"phase_s": 50.0}, "camera left: no frame is left.*make duration_s longer"),
+        ({"stamp_noise_s": 0.1}, "camera left: stamp_noise_s 0.1 puts frames out of order"),
+    ],
+)
+def test_impossible_clocks_are_refused(sensor, message):
+    refusal(ConfigError, message, _shots, **sensor)

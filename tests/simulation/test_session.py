@@ -1,6 +1,5 @@
 """A rendered session on disk: what is in it, that it repeats, that it survives interruption."""
 
-import dataclasses
 import re
 from pathlib import Path
 from types import SimpleNamespace
@@ -10,6 +9,7 @@ import numpy as np
 import pytest
 import yaml
 from checks import refusal
+from scenes import scene
 
 from posefuse.core import SE3, InputError, SourceError
 from posefuse.core.ideal_image import SourceView, optics_of
@@ -20,47 +20,30 @@ from posefuse.formats.truth import read_truth
 from posefuse.foundation.output_folder import MARK_FILE, find_unfinished
 from posefuse.sources.images import ImagesConfig
 from posefuse.sources.video import VideoConfig
-from posefuse_sim import Scene, read_scene, simulate, truth_of
+from posefuse_sim import read_scene, simulate, truth_of
 from posefuse_sim import session as sessions
 from posefuse_sim.build import live_scene
-from posefuse_sim.cameras import CameraOverride, ImageSettings, RingCameras, SensorSettings
-from posefuse_sim.motion.settings import StandSettings
-from posefuse_sim.props import ArucoCube, CarriedPath
 from posefuse_sim.render.model import render_model
 from posefuse_sim.render.stage import RenderStage
-from posefuse_sim.scene import JpegSettings, PersonSettings, plain_settings
 from posefuse_sim.session import body_poses
 from posefuse_sim.source import SimulatedConfig
-from posefuse_sim.surroundings import BoxOccluder
 
 pytestmark = pytest.mark.gl
 
-_CAMERAS = RingCameras(
-    kind="ring",
-    count=3,
-    radius_m=3.0,
-    image=ImageSettings(size_px=(200, 150)),
-    sensor=SensorSettings(noise_dn=2.0),
-    overrides={
-        "cam01": CameraOverride(
-            roll_deg=15,
-            image=ImageSettings(size_px=(160, 120), horizontal_fov_deg=75, distortion=(-0.2, 0.05, 0.001, 0.0)),
-            sensor=SensorSettings(rate_hz=20, offset_s=0.3, jitter_s=0.003, drop_fraction=0.1),
-        )
-    },
-)
-_SCENE = Scene(
-    duration_s=0.5,
-    start_s=1.0,
-    rate_hz=10,
-    seed=5,
-    cameras=_CAMERAS,
-    people=(
-        PersonSettings(motion=StandSettings(kind="idle", position_m=(0.3, 0.2), heading_deg=40)),
-        PersonSettings(motion=StandSettings(kind="tpose", position_m=(-0.7, -0.3))),
-    ),
-    occluders=(BoxOccluder(kind="box", position_m=(1.2, 0.6, 0.5), size_m=(0.3, 0.5, 1.0)),),
-    props=(ArucoCube(kind="aruco_cube", path=CarriedPath(kind="carried", person=1, side="left")),),
+_RING = {"kind": "ring", "count": 3, "radius_m": 3.0, "image": {"size_px": [200, 150]}, "sensor": {"noise_dn": 2.0}}
+_OTHER = {
+    "roll_deg": 15,
+    "image": {"size_px": [160, 120], "horizontal_fov_deg": 75, "distortion": [-0.2, 0.05, 0.001, 0.0]},
+    "sensor": {"rate_hz": 20, "offset_s": 0.3, "jitter_s": 0.003, "drop_fraction": 0.1},
+}
+_IDLE = {"motion": {"kind": "idle", "position_m": [0.3, 0.2], "heading_deg": 40}}
+_CONTENT = {"duration_s": 0.5, "start_s": 1.0, "rate_hz": 10, "seed": 5, "cameras": {**_RING, "overrides": {"cam01": _OTHER}}}
+_ONE_CAMERA = {"kind": "ring", "count": 1, "radius_m": 3.0, "first_angle_deg": 0}
+_SCENE = scene(
+    **_CONTENT,
+    people=[_IDLE, {"motion": {"kind": "tpose", "position_m": [-0.7, -0.3]}}],
+    occluders=[{"kind": "box", "position_m": [1.2, 0.6, 0.5], "size_m": [0.3, 0.5, 1.0]}],
+    props=[{"kind": "aruco_cube", "path": {"kind": "carried", "person": 1, "side": "left"}}],
 )
 
 
@@ -84,15 +67,9 @@ def test_videos_carry_the_cameras_own_times_and_the_truth_the_true_ones(session)
     np.testing.assert_allclose(offset_s, 0.3, atol=1e-8)
 
 
-def test_the_rig_file_is_the_rig(session):
+def test_a_finished_session_holds_its_rig_and_its_scene_and_nothing_unfinished(session):
     assert read_rig(session / "rig.toml").id == read_truth(session / "truth" / "truth.npz").rig.id
-
-
-def test_the_written_scene_is_the_scene(session):
     assert read_scene(session / "scene.yaml") == _SCENE
-
-
-def test_nothing_marks_a_finished_session_as_unfinished(session):
     assert sorted(path.name for path in session.iterdir()) == [MARK_FILE, "rig.toml", "scene.yaml", "truth", "videos"]
 
 
@@ -147,10 +124,9 @@ def test_visible_joints_lie_on_their_person_and_hidden_ones_exist(session, backe
 
 
 def test_a_joint_behind_the_box_is_hidden_and_the_same_joint_without_the_box_is_not(shots):
-    camera = RingCameras(kind="ring", count=1, radius_m=3.0, first_angle_deg=0, image=ImageSettings(size_px=(160, 120)))
-    alone = dataclasses.replace(_SCENE, people=_SCENE.people[:1], props=(), occluders=(), cameras=camera)
-    wall = BoxOccluder(kind="box", position_m=(1.3, 0.1, 0.6), size_m=(0.1, 2.4, 1.2))
-    shown, hidden = (shots(one)[1][0].visible for one in (alone, dataclasses.replace(alone, occluders=(wall,))))
+    alone = {**_CONTENT, "people": [_IDLE], "cameras": {**_ONE_CAMERA, "image": {"size_px": [160, 120]}}}
+    wall = {"kind": "box", "position_m": [1.3, 0.1, 0.6], "size_m": [0.1, 2.4, 1.2]}
+    shown, hidden = (shots(scene(**alone, occluders=boxes))[1][0].visible for boxes in ([], [wall]))
     knees = ANATOMICAL23.indices(["left_knee", "right_knee"])
     assert shown[knees].all() and not hidden[knees].any()
     assert shown[ANATOMICAL23.index("nose")] and hidden[ANATOMICAL23.index("nose")]
@@ -189,9 +165,8 @@ def test_the_same_seed_gives_the_same_bytes_with_any_number_of_processes_and_aft
 
 
 def test_a_session_of_its_own_is_replaced_and_what_is_the_users_stays(tmp_path, backend):
-    camera = RingCameras(kind="ring", count=1, radius_m=3.0, image=ImageSettings(size_px=(80, 60)))
-    jpeg = JpegSettings(kind="jpeg")
-    scene = dataclasses.replace(_SCENE, record=jpeg, duration_s=0.1, people=(), props=(), occluders=(), cameras=camera)
+    content = {**_CONTENT, "record": {"kind": "jpeg"}, "cameras": {**_ONE_CAMERA, "image": {"size_px": [80, 60]}}}
+    other, made = (scene(**{**content, "duration_s": duration_s}) for duration_s in (0.2, 0.1))
     folder = tmp_path / "session"
 
     def interrupt(done: int, total: int) -> None:
@@ -199,27 +174,27 @@ def test_a_session_of_its_own_is_replaced_and_what_is_the_users_stays(tmp_path, 
 
     # of another scene, unfinished: not mixed with this one, named and kept
     with pytest.raises(KeyboardInterrupt):
-        simulate(dataclasses.replace(scene, duration_s=0.2), folder, interrupt, processes=1)
-    [other] = find_unfinished(folder)
-    kept = _contents(other)
-    with pytest.warns(UserWarning, match=f"{re.escape(str(other))}: is an unfinished session of another scene"):
-        simulate(scene, folder, processes=1)
+        simulate(other, folder, interrupt, processes=1)
+    [unfinished] = find_unfinished(folder)
+    kept = _contents(unfinished)
+    with pytest.warns(UserWarning, match=f"{re.escape(str(unfinished))}: is an unfinished session of another scene"):
+        simulate(made, folder, processes=1)
     # finished: moved aside, with what the user put there, and kept
     before = _contents(folder)
-    refusal(InputError, "holds results already", simulate, scene, folder)
+    refusal(InputError, "holds results already", simulate, made, folder)
     (folder / "notes.txt").write_text("the user's")
     with pytest.warns(UserWarning) as said:
-        simulate(scene, folder, processes=1, replace=True)
+        simulate(made, folder, processes=1, replace=True)
     assert _contents(folder) == before
     [aside] = tmp_path.glob("session.replaced-*")
     assert str(said[-1].message).endswith(f"the earlier results are kept in {aside}")
     assert (aside / "notes.txt").read_text() == "the user's" and set(_contents(aside)) == {*before, "notes.txt"}
     # interrupted: the finished one stays in its place until the new one is whole
     with pytest.raises(KeyboardInterrupt):
-        simulate(scene, folder, interrupt, processes=1, replace=True)
+        simulate(made, folder, interrupt, processes=1, replace=True)
     assert _contents(folder) == before and len(find_unfinished(folder)) == 2
-    simulate(scene, folder, processes=1, replace=True)
-    assert find_unfinished(folder) == [other] and _contents(other) == kept
+    simulate(made, folder, processes=1, replace=True)
+    assert find_unfinished(folder) == [unfinished] and _contents(unfinished) == kept
 
 
 def test_a_disk_that_is_too_small_is_reported_before_anything_is_rendered(tmp_path, monkeypatch, backend):
@@ -236,16 +211,13 @@ def test_the_estimate_of_the_size_is_near_what_is_written(demo_session):
 
 def test_a_session_holds_the_motion_it_was_made_from(tmp_path):
     """Relative files count from the scene file, and the session can be moved."""
-    from posefuse_sim.motion.settings import RecordedSettings
-
     (tmp_path / "walk.bvh").write_text("HIERARCHY")
-    person = PersonSettings(motion=RecordedSettings(kind="bvh", file="walk.bvh"))
-    text = plain_settings(dataclasses.replace(_SCENE, people=(person, person), props=()))
-    (tmp_path / "scene.yaml").write_text(yaml.safe_dump(text))
-    scene = read_scene(tmp_path / "scene.yaml")
-    assert scene.people[0].motion.file == str(tmp_path / "walk.bvh")
+    person = {"motion": {"kind": "bvh", "file": "walk.bvh"}}
+    (tmp_path / "scene.yaml").write_text(yaml.safe_dump({**_CONTENT, "people": [person, person]}))
+    read = read_scene(tmp_path / "scene.yaml")
+    assert read.people[0].motion.file == str(tmp_path / "walk.bvh")
     (tmp_path / "session").mkdir()
-    sessions._begin(sessions.SessionPaths(tmp_path / "session"), scene)
+    sessions._begin(sessions.SessionPaths(tmp_path / "session"), read)
     (tmp_path / "session").rename(tmp_path / "moved")
     (tmp_path / "walk.bvh").unlink()
     again = read_scene(tmp_path / "moved" / "scene.yaml")
@@ -253,8 +225,8 @@ def test_a_session_holds_the_motion_it_was_made_from(tmp_path):
 
 
 def test_image_folders_are_read_with_their_times(tmp_path, backend):
-    scene = dataclasses.replace(_SCENE, record=JpegSettings(kind="jpeg"), duration_s=0.3, people=(), props=())
-    paths = simulate(scene, tmp_path / "images", processes=1)
+    made = scene(**{**_CONTENT, "record": {"kind": "jpeg"}, "duration_s": 0.3})
+    paths = simulate(made, tmp_path / "images", processes=1)
     frames = list(ImagesConfig(paths.videos / "cam01", "cam01").build().frames())
     stamps = read_arrays(paths.shots)["stamp1_ns"]
     np.testing.assert_allclose([frame.t_ns for frame in frames], stamps, atol=1)
@@ -262,8 +234,7 @@ def test_image_folders_are_read_with_their_times(tmp_path, backend):
 
 
 def test_a_live_camera_draws_what_the_video_shows(session):
-    scene = session / "scene.yaml"
-    drawn = list(SimulatedConfig(scene, "cam02", paced=False).build().frames())
+    drawn = list(SimulatedConfig(session / "scene.yaml", "cam02", paced=False).build().frames())
     played = list(SimulatedConfig(session, "cam02", paced=False).build().frames())
     assert [frame.seq for frame in drawn] == [frame.seq for frame in played] == list(range(5))
     for a, b in zip(drawn, played, strict=True):

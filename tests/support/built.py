@@ -8,6 +8,8 @@ import numpy as np
 
 from posefuse.core import (
     SE3,
+    Camera,
+    CameraTruth,
     DetectionBatch,
     Detections2D,
     Frame,
@@ -20,6 +22,7 @@ from posefuse.core import (
     Recording,
     Rig,
     Skeleton,
+    Truth,
     Views,
     ViewSequence,
 )
@@ -46,9 +49,9 @@ _STRAIGHT = {
 }  # fmt: skip
 
 
-def standing(x: float = 0.0, y: float = 0.0, size: float = 1.0, skeleton: Skeleton = COCO17) -> np.ndarray:
-    """(K, 3) a person of 1.75 m times `size` standing at (x, y)."""
-    return of_sides(skeleton, _LEFT, nose=(0.12, 0.0, 1.62)) * size + [x, y, 0]
+def standing(x: float = 0.0, y: float = 0.0, size: float = 1.0, skeleton: Skeleton = COCO17, **others: Point) -> np.ndarray:
+    """(K, 3) a person of 1.75 m times `size` standing at (x, y); `others`: keypoints that lie between left and right."""
+    return of_sides(skeleton, _LEFT, nose=(0.12, 0.0, 1.62), **others) * size + [x, y, 0]
 
 
 def straight(skeleton: Skeleton = COCO17, **left: Point) -> np.ndarray:
@@ -71,6 +74,19 @@ def without(view: Detections2D, keypoints: Sequence[int] | np.ndarray) -> Detect
     xy, score = view.xy_img.copy(), view.score.copy()
     xy[:, keypoints], score[:, keypoints] = np.nan, 0.0
     return replace(view, xy_img=xy, score=score)
+
+
+def shaken(poses: PoseSequence, sigma_m: float, seed: int = 0) -> PoseSequence:
+    """The same people, off by noise."""
+    noise_m = np.random.default_rng(seed).normal(size=poses.xyz_world.shape) * sigma_m
+    return replace(poses, xyz_world=poses.xyz_world + noise_m)
+
+
+def unseen(poses: PoseSequence, *keypoints: str, steps: slice = slice(None)) -> PoseSequence:
+    """The same people, these keypoints missing at these time steps."""
+    xyz = poses.xyz_world.copy()
+    xyz[steps][:, :, poses.skeleton.indices(keypoints)] = np.nan
+    return replace(poses, xyz_world=xyz)
 
 
 def of_sides(skeleton: Skeleton, left: Mapping[str, Point], **others: Point) -> np.ndarray:
@@ -177,6 +193,12 @@ def joint_angles(angle_rad: np.ndarray, *, joints: Sequence[str], **others: Any)
     return JointAngles(angle_rad=angle_rad, joints=joints, **(stated | others))
 
 
+def camera(K: np.ndarray, distortion: Sequence[float] = (), pose: SE3 | None = None, **others: Any) -> Camera:
+    """Of 640 x 480 px, at the origin of the world unless its pose is given."""
+    stated = {"name": "a", "size_wh": (640, 480), "cam_from_world": pose or SE3.identity()}
+    return Camera(K=K, distortion=np.array(distortion), **(stated | others))
+
+
 def turned(rig: Rig, camera: int, rotvec_rad: Sequence[float] | np.ndarray) -> Rig:
     """The rig with one camera turned about its own centre, by a rotation vector in its own axes."""
     cameras = list(rig)
@@ -222,6 +244,24 @@ def view_sequence(
         sigma_px=np.where(score > 0, sigma_px, np.nan),
         depth_m=depth_m,
     )
+
+
+def noisy_views(
+    rig: Rig, sequence: PoseSequence, noise_px: float, seed: int, score: np.ndarray | None = None, sigma_px: float = 1.0
+) -> ViewSequence:
+    """What a rig sees of the people of a sequence, off by noise; of `score` (T, N, C, K) 0 is unseen."""
+    xy = np.moveaxis(rig.project(sequence.xyz_world), 0, 2)
+    xy = xy + np.random.default_rng(seed).normal(size=xy.shape) * noise_px
+    shown = xy if score is None else np.where(score[..., None] > 0, xy, np.nan)
+    return view_sequence(rig, sequence, shown, score, sigma_px)
+
+
+def truth(rig: Rig, xyz: np.ndarray, t_ns: Sequence[int] | np.ndarray, skeleton: Skeleton, **others: Any) -> Truth:
+    """The truth about people (T, N, K, 3), whom every camera sees at all of these times."""
+    t_ns, visible = np.asarray(t_ns), np.ones(xyz.shape[:-1], bool)
+    views = [CameraTruth(camera=one.name, t_ns=t_ns, xy_img=one.project(xyz), visible=visible) for one in rig]
+    stated = {"person_id": np.arange(xyz.shape[1]), "views": tuple(views)}
+    return Truth(rig=rig, t_ns=t_ns, skeleton=skeleton, xyz_world=xyz, **(stated | others))
 
 
 def recording(rig: Rig, sequence: PoseSequence, score: float = 0.9, sigma_px: float = 2.0, **provenance: Any) -> Recording:
@@ -277,6 +317,16 @@ def white_jerk(dt: float, density: float) -> tuple[np.ndarray, np.ndarray]:
         [[dt**5 / 20, dt**4 / 8, dt**3 / 6], [dt**4 / 8, dt**3 / 3, dt**2 / 2], [dt**3 / 6, dt**2 / 2, dt]]
     )
     return step, np.linalg.cholesky(process)
+
+
+def of_white_jerk(count: int, people: int, dt: float, density: float, rng: np.random.Generator) -> np.ndarray:
+    """(T, N, 17, 3) motion that is exactly the smoother's model."""
+    step, process = white_jerk(dt, density)
+    state, xyz = np.zeros((3, people, 17, 3)), np.empty((count, people, 17, 3))
+    for i in range(count):
+        xyz[i] = state[0]
+        state = np.tensordot(step, state, 1) + np.tensordot(process, rng.normal(size=state.shape), 1)
+    return xyz
 
 
 def camera_state(camera: str, captured: int, used: int, **others: Any) -> "CameraState":

@@ -13,6 +13,14 @@ LENGTH_M = {
     "pelvis": 0.13, "trunk": 0.52, "shoulder": 0.19, "upper_arm": 0.31, "forearm": 0.26, "hand": 0.09,
     "thigh": 0.43, "shank": 0.41,
 }  # fmt: skip
+# degrees of every joint, no two alike
+BENT = {
+    "pelvis": (20.0, 5.0, 12.0), "trunk": (0.0, 8.0, -15.0), "neck": (14.0, -6.0, 25.0), "left_arm": (35.0, -22.0, 18.0),
+    "right_arm": (-25.0, -40.0, 30.0), "left_elbow": (75.0, 0.0, 0.0), "right_elbow": (48.0, 0.0, 0.0),
+    "left_wrist": (35.0, 20.0, -12.0), "right_wrist": (60.0, -25.0, 9.0), "left_hip": (40.0, 11.0, -9.0),
+    "right_hip": (-15.0, -8.0, 14.0), "left_knee": (62.0, 0.0, 0.0), "right_knee": (31.0, 0.0, 0.0),
+    "left_ankle": (-18.0, 7.0, 5.0), "right_ankle": (12.0, -9.0, -6.0),
+}  # fmt: skip
 GROUND = np.array([[1.0, 0, 0], [0, 0, -1], [0, 1, 0]])
 
 
@@ -23,6 +31,18 @@ def _turn(sequence: str, *degrees: float) -> np.ndarray:
 def _mirror(side: str, rotation: np.ndarray) -> np.ndarray:
     flip = np.diag([1.0, 1.0, -1.0]) if side == "left" else np.eye(3)
     return flip @ rotation @ flip
+
+
+def walking(t_s: float) -> dict[str, tuple[float, float, float]]:
+    """Angles of somebody who walks a stride a second, turning about slowly."""
+    w, v = np.sin(2 * np.pi * t_s), np.cos(2 * np.pi * t_s)
+    return {
+        "pelvis": (15 * t_s, 3 * w, 5), "trunk": (0, 2 * w, 5 * v), "neck": (10, 3, 5 * w), "left_hip": (25 * w, 3, 5),
+        "right_hip": (-25 * w, 3, 5), "left_knee": (35 - 25 * v, 0, 0), "right_knee": (35 + 25 * v, 0, 0),
+        "left_arm": (-25 * w, -8, 10), "right_arm": (25 * w, -8, 10), "left_elbow": (40 + 10 * w, 0, 0),
+        "right_elbow": (30, 0, 0), "left_ankle": (10 * w, 2, 2), "right_ankle": (-10 * w, 2, 3),
+        "left_wrist": (30 + 20 * w, 5, 2),
+    }  # fmt: skip
 
 
 def figure(angles: dict[str, tuple[float, float, float]], root: np.ndarray | None = None) -> dict[str, np.ndarray]:

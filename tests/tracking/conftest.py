@@ -31,9 +31,8 @@ class World:
     def views(self, seconds: float, seed: int | None = 0, rate_hz: float = 30.0, start_s: float = 0.0) -> list[Detections2D]:
         """Every camera's views in the order of their own times, phases apart; exact when seed is None."""
         rng = None if seed is None else np.random.default_rng(seed)
-        times = [
-            (start_s + (i + c / len(self.rig)) / rate_hz, c) for i in range(int(seconds * rate_hz)) for c in range(len(self.rig))
-        ]
+        frames, cameras = range(int(seconds * rate_hz)), range(len(self.rig))
+        times = [(start_s + (i + c / len(self.rig)) / rate_hz, c) for i in frames for c in cameras]
         return [self.view(c, t_s, rng) for t_s, c in sorted(times)]
 
     def tracker(self, **settings: object) -> Tracker:

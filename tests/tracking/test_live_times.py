@@ -63,14 +63,13 @@ def test_moving_the_world_moves_the_people(world):
 def test_a_clock_that_jumps_an_hour_is_ignored_and_named(world):
     w = world()
 
-    def jumps(view):
-        return view.camera == "cam03" and view.t_ns > 5e8
+    def jumped(hours):
+        for view in w.views(1.5):
+            jumps = view.camera == "cam03" and view.t_ns > 5e8
+            if hours or not jumps:
+                yield replace(view, t_ns=view.t_ns + jumps * hours * HOUR_NS)
 
-    clean = w.fed(view for view in w.views(1.5) if not jumps(view))
-    ahead, back = (
-        w.fed(replace(view, t_ns=view.t_ns + hours * HOUR_NS) if jumps(view) else view for view in w.views(1.5))
-        for hours in (1, -1)
-    )
+    clean, ahead, back = (w.fed(jumped(hours)) for hours in (0, 1, -1))
     same(ahead.at(1_550_000_000), clean.at(1_550_000_000))
     assert ahead.health["cam03"].ahead == 30
     assert ahead.health["cam03"].age_s > 0.9
@@ -116,10 +115,8 @@ def test_no_person_and_nothing_finite_are_no_one(world, detections_of):
     assert len(tracker.at(0).person_id) == 0
     for i, camera in enumerate(w.rig.names):
         tracker.add(Detections2D.empty(camera, i * 1_000_000, COCO17))
-        blank = detections_of(camera, 0.05 + i * 1e-3, np.full((17, 2), 5.0))
-        tracker.add(
-            replace(blank, xy_img=np.full((1, 17, 2), np.nan), score=np.zeros((1, 17)), sigma_px=np.full((1, 17), np.nan))
-        )
+        blank = detections_of(camera, 0.05 + i * 1e-3, np.full((17, 2), np.nan))
+        tracker.add(replace(blank, sigma_px=np.full((1, 17), np.nan)))
     assert len(tracker.at(100_000_000).person_id) == 0
 
 

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from built import poses, standing, view_sequence
+from built import noisy_views, poses, standing, unseen, view_sequence
 
 from posefuse.core import SE3, PoseSequence
 from posefuse.core.skeleton import COCO17
@@ -82,23 +82,19 @@ def test_two_time_steps_show_nothing() -> None:
 
 
 def test_views_are_named_as_the_reference_has_them(ring_rig) -> None:
-    rig, reference = ring_rig(3), walkers()
-    rng = np.random.default_rng(1)
-    true_xy = np.stack([camera.project(reference.xyz_world) for camera in rig], axis=2) + rng.normal(size=(T, N, 3, K, 2))
-    score = rng.uniform(0.5, 1, (T, N, 3, K))
-    sigma = rng.uniform(1, 3, (T, N, 3, K))
-    depth = rng.uniform(2, 5, (T, N, 3, K, 2))
-    seen = [np.array(true_xy), np.array(score), np.array(sigma), np.array(depth)]
+    rig, reference, rng = ring_rig(3), walkers(), np.random.default_rng(1)
+    true_xy = noisy_views(rig, reference, 1.0, 1).xy_img
+    true = [true_xy, *(rng.uniform(*span, true_xy.shape[:-1]) for span in ((0.5, 1), (1, 3))), rng.uniform(2, 5, true_xy.shape)]
+    seen, legs = [np.array(plane) for plane in true], [*LEFT_LEG, *RIGHT_LEG]
     wrong = slice(8, 17)  # the legs are well apart
     for plane in seen:
-        plane[wrong, 0, 1][:, [*LEFT_LEG, *RIGHT_LEG]] = plane[wrong, 0, 1][:, [*RIGHT_LEG, *LEFT_LEG]]
+        plane[wrong, 0, 1][:, legs] = plane[wrong, 0, 1][:, [*RIGHT_LEG, *LEFT_LEG]]
     assert not np.array_equal(seen[0], true_xy)
     got = sides_like(reference, rig, view_sequence(rig, reference, *seen[:3], depth_m=seen[3]))
     far = np.linalg.norm(true_xy[..., LEFT_LEG[2], :] - true_xy[..., RIGHT_LEG[2], :], axis=-1) > 25
     assert far[wrong, 0, 1].any()
-    legs = [*LEFT_LEG, *RIGHT_LEG]
-    for named, true in ((got.xy_img, true_xy), (got.score, score), (got.sigma_px, sigma), (got.depth_m, depth)):
-        assert np.array_equal(named[far][:, legs], true[far][:, legs])
+    for named, plane in zip((got.xy_img, got.score, got.sigma_px, got.depth_m), true, strict=True):
+        assert np.array_equal(named[far][:, legs], plane[far][:, legs])
 
 
 def test_a_view_is_no_exchanged_one_where_only_one_of_its_limbs_fits_better(ring_rig) -> None:
@@ -111,31 +107,26 @@ def test_a_view_is_no_exchanged_one_where_only_one_of_its_limbs_fits_better(ring
     doubled[..., LEFT_ARM, :] = true[..., COCO17.mirror[LEFT_ARM], :]
     seen = np.stack([camera.project((doubled, true)[c % 2]) for c, camera in enumerate(rig)], axis=2)
     seen += 2 * rng.normal(size=seen.shape)
-    shape = seen.shape[:-1]
     wrong = poses(doubled + 0.03 * rng.normal(size=doubled.shape), rate_hz=30.0)
     for reference in (wrong, poses(true, rate_hz=30.0)):
-        named = sides_like(reference, rig, view_sequence(rig, reference, seen, np.full(shape, 0.9), np.full(shape, 2.0)))
-        raised = seen[:, :, 1::2]
-        np.testing.assert_array_equal(named.xy_img[:, :, 1::2], raised)
+        named = sides_like(reference, rig, view_sequence(rig, reference, seen, sigma_px=2.0))
+        np.testing.assert_array_equal(named.xy_img[:, :, 1::2], seen[:, :, 1::2])
 
 
 def test_a_limb_is_not_exchanged_with_one_that_the_reference_lacks(ring_rig) -> None:
     """What is not known is no better place for a leg than one that this view misses."""
     rig, reference = ring_rig(3), walkers()
-    seen = np.stack([camera.project(reference.xyz_world) for camera in rig], axis=2)
+    seen = np.array(noisy_views(rig, reference, 0.0, 0).xy_img)
     seen[:, 0, 1, LEFT_LEG] += 40.0
     xyz = np.array(reference.xyz_world)
     xyz[:, 0, RIGHT_LEG] = np.nan
-    score, sigma = np.full(seen.shape[:-1], 0.9), np.full(seen.shape[:-1], 2.0)
-    named = sides_like(replace(reference, xyz_world=xyz), rig, view_sequence(rig, reference, seen, score, sigma))
+    named = sides_like(replace(reference, xyz_world=xyz), rig, view_sequence(rig, reference, seen, sigma_px=2.0))
     np.testing.assert_array_equal(named.xy_img, seen)
 
 
 def test_missing_views_stay_missing(ring_rig) -> None:
     rig, reference = ring_rig(3), walkers()
-    nothing = np.full((T, N, 3, K, 2), np.nan)
-    empty = view_sequence(rig, reference, nothing, np.zeros((T, N, 3, K)), np.full((T, N, 3, K), np.nan))
-    named = sides_like(reference, rig, empty)
+    named = sides_like(reference, rig, view_sequence(rig, reference, np.full((T, N, 3, K, 2), np.nan)))
     assert np.isnan(named.xy_img).all()
     assert (named.score == 0).all()
     assert np.isnan(named.sigma_px).all()
@@ -147,11 +138,9 @@ def test_legs_are_on_the_side_of_the_body_that_the_shoulders_show_even_against_t
     confused = exchanged(clean, slice(20, T), 0, LEFT_LEG)
     assert same(steady_sides(confused, NOTHING), clean)
     # without shoulders the majority is right
-    without, xyz = exchanged(confused, slice(0, 20), 0, LEFT_LEG), []
-    for sequence in (confused, without):
-        xyz.append(np.array(sequence.xyz_world))
-        xyz[-1][:, :, COCO17.indices(["left_shoulder", "right_shoulder"])] = np.nan
-    assert same(steady_sides(replace(confused, xyz_world=xyz[0]), NOTHING), replace(without, xyz_world=xyz[1]))
+    majority = exchanged(confused, slice(0, 20), 0, LEFT_LEG)
+    before, after = (unseen(one, "left_shoulder", "right_shoulder") for one in (confused, majority))
+    assert same(steady_sides(before, NOTHING), after)
 
 
 def facing(part: int, count: int, time_steps: slice = slice(None)) -> np.ndarray:

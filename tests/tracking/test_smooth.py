@@ -3,7 +3,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from built import arrays_of, poses, white_jerk
+from built import arrays_of, of_white_jerk, poses
+from scipy.spatial.transform import Rotation
 
 from posefuse.core import SKELETONS, Kind, PoseSequence
 from posefuse.core.skeleton import COCO17
@@ -27,14 +28,8 @@ def sequence(xyz: np.ndarray, cov: np.ndarray = NOISE, t_ns: np.ndarray | None =
 
 def wander(count: int, people: int = 1, seed: int = 0, noise: np.ndarray = NOISE) -> tuple[np.ndarray, np.ndarray]:
     """Truth that is exactly the smoother's model (white jerk), and its measurements (T, N, 17, 3)."""
-    rng = np.random.default_rng(seed)
-    dt = 1 / RATE_HZ
-    density = _jerk_density(np.arange(count) * dt, noise[None], 6.0)
-    step, process = white_jerk(dt, density)
-    state, truth = np.zeros((3, people, 17, 3)), np.empty((count, people, 17, 3))
-    for i in range(count):
-        truth[i] = state[0]
-        state = np.tensordot(step, state, 1) + np.tensordot(process, rng.normal(size=state.shape), 1)
+    rng, dt = np.random.default_rng(seed), 1 / RATE_HZ
+    truth = of_white_jerk(count, people, dt, _jerk_density(np.arange(count) * dt, noise[None], 6.0), rng)
     return truth, truth + rng.normal(size=truth.shape) @ np.linalg.cholesky(noise).T
 
 
@@ -146,13 +141,9 @@ def test_errors_that_last_are_stated_and_not_averaged_away(share, lasts_s):
 def test_bones_keep_their_length_unless_the_settings_say_otherwise():
     """Two rigid bodies of different size that turn slowly: by default their bones hold each person's own lengths."""
     one, two = COCO17.bone_indices.T
-    angle = 0.5 * times_ns(240)[:, None, None] * 1e-9
     body = np.random.default_rng(6).normal(size=(2, 17, 3)) * [[[0.3]], [[0.4]]]
-    turned = (
-        body[..., 0] * np.cos(angle) - body[..., 1] * np.sin(angle),
-        body[..., 0] * np.sin(angle) + body[..., 1] * np.cos(angle),
-    )
-    truth = np.stack([*turned, np.broadcast_to(body[..., 2], turned[0].shape)], axis=-1)
+    turn = Rotation.from_euler("z", 0.5 * times_ns(240)[:, None] * 1e-9).as_matrix()
+    truth = np.einsum("tij,nkj->tnki", turn, body)
     seen = truth + np.random.default_rng(7).normal(size=truth.shape) @ np.linalg.cholesky(NOISE).T
     off_m = {}
     for settings in (SmoothSettings(), LOOSE):
@@ -219,8 +210,6 @@ BONE_NOISE = np.diag([1.0, 4.0, 2.0]) * 1e-4
 
 def tumbling(count: int, seed: int = 0, scale: np.ndarray | None = None) -> np.ndarray:
     """(T, 17, 3) a rigid body that turns and moves: every bone keeps its length."""
-    from scipy.spatial.transform import Rotation
-
     rng = np.random.default_rng(seed)
     body = rng.normal(size=(17, 3)) * 0.4
     turn = Rotation.from_rotvec(np.cumsum(rng.normal(size=(count, 3)) * 0.1, axis=0)).as_matrix()

@@ -4,9 +4,9 @@ from pathlib import Path
 
 import pytest
 from built import poses
+from commands import figures
 
 from bench.angle_errors import AngleError, angle_errors
-from posefuse.cli.main import main
 from posefuse.core import PoseSequence, Truth
 from posefuse.evaluation.biomechanics import rays_at_joint_centres
 from posefuse.formats.recording import read_recording
@@ -37,19 +37,20 @@ def by_name(errors: list[AngleError]) -> dict[tuple[str, str], AngleError]:
     return {(e.joint, e.angle): e for e in errors}
 
 
+@pytest.fixture(scope="module")
 def exact(truth: Truth) -> PoseSequence:
     return poses(truth.xyz_world, 1e-5, t_ns=truth.t_ns, skeleton=truth.skeleton, ids=truth.person_id)
 
 
-def test_exact_joint_centres_give_the_body_models_angles(truth: Truth) -> None:
+def test_exact_joint_centres_give_the_body_models_angles(truth: Truth, exact: PoseSequence) -> None:
     ideal = JointSettings(hinge_play_rad=0.0, turn_rate_rad_sqrt_s=20.0)
-    errors = by_name(angle_errors(joints_from_poses(exact(truth), ideal), truth.joints))
+    errors = by_name(angle_errors(joints_from_poses(exact, ideal), truth.joints))
     for name in DEFINED:
         assert errors[name].rmse_deg < 0.05, name
 
 
-def test_flexion_is_exact_with_the_settings_for_real_people_too(truth: Truth) -> None:
-    errors = by_name(angle_errors(joints_from_poses(exact(truth)), truth.joints))
+def test_flexion_is_exact_with_the_settings_for_real_people_too(truth: Truth, exact: PoseSequence) -> None:
+    errors = by_name(angle_errors(joints_from_poses(exact), truth.joints))
     for name in DEFINED:
         if name[1] != "internal_rotation":
             assert errors[name].rmse_deg < 0.05, name
@@ -61,8 +62,7 @@ def test_flexion_is_exact_with_the_settings_for_real_people_too(truth: Truth) ->
 @pytest.mark.usefixtures("models")
 def test_hips_and_knees_of_the_real_pipeline(demo_session: Path, truth: Truth, tmp_path: Path, capsys) -> None:
     out = tmp_path / "result"
-    assert main(["track", str(demo_session), "--out", str(out), "--end", "4.0", "--outputs", "", "--json"]) == 0
-    capsys.readouterr()
+    figures(capsys, "track", demo_session, "--out", out, "--end", 4.0, "--outputs", "")
     recording = read_recording(out)
     fit = fit_poses(recording.poses)
     by_rays = fit_views(recording.poses, recording.rig, rays_at_joint_centres(recording), bodies=fit.bodies)

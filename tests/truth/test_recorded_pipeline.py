@@ -7,6 +7,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from commands import as_options, figures, oracle
+from videos import remuxed
 
 from posefuse.cli.main import main
 from posefuse.core import Kind, PoseSequence, Truth
@@ -14,20 +16,14 @@ from posefuse.evaluation.metrics import joint_errors, typical_nees
 from posefuse.formats.recording import read_recording
 from posefuse.formats.truth import read_truth
 from posefuse.foundation.output_folder import MARK_FILE
-from posefuse.pipeline.solve import solve_again
 
 pytestmark = pytest.mark.usefixtures("models")
 LIMBS = ("shoulder", "elbow", "wrist", "hip", "knee", "ankle")
 
 
-def figures(capsys: pytest.CaptureFixture[str], *argv: object) -> dict:
-    assert main([str(part) for part in argv]) == 0
-    return json.loads(capsys.readouterr().out)
-
-
 def test_the_clip_is_tracked_to_its_truth_and_every_file_is_there(demo_session: Path, tmp_path: Path, capsys) -> None:
     out = tmp_path / "result"
-    got = figures(capsys, "track", demo_session, "--out", out, "--end", 2.0, "--json")
+    got = figures(capsys, "track", demo_session, "--out", out, "--end", 2.0)
     assert (got["cameras"], got["time_steps"], got["people"]) == (4, 61, 1)
     assert min(one["seen"] for one in got["camera_fits"].values()) > 0.98
     assert got["mpjpe_mm"] < 1.1 * 12.1  # `make demo` prints 12.1
@@ -37,10 +33,6 @@ def test_the_clip_is_tracked_to_its_truth_and_every_file_is_there(demo_session: 
     assert recording.provenance["rig_id"] == recording.rig.id
     assert recording.provenance["config"]["fuse"]["weights"] == "robust"
     assert (recording.poses.kind == Kind.SMOOTHED).mean() > 0.95
-    again = solve_again(recording)
-    np.testing.assert_array_equal(again.poses.xyz_world, recording.poses.xyz_world)
-    np.testing.assert_array_equal(again.poses.cov_world, recording.poses.cov_world)
-    np.testing.assert_array_equal(again.observations.person_id, recording.observations.person_id)
     truth = read_truth(demo_session / "truth" / "truth.npz")
     assert joint_errors(recording.poses, truth).mpjpe_mm == pytest.approx(got["mpjpe_mm"])
     stated = [stated_against(truth, replace(recording.poses, cov_world=k * recording.poses.cov_world)) for k in (1, 4, 1 / 4)]
@@ -53,7 +45,7 @@ def stated_against(truth: Truth, poses: PoseSequence) -> float:
 
 def test_a_part_of_the_recording_at_another_rate_without_smoothing(demo_session: Path, tmp_path: Path, capsys) -> None:
     out = tmp_path / "result"
-    options = ("--start", 1.0, "--end", 1.5, "--raw", "--set", "rate_hz=15", "--weights", "score", "--outputs", "", "--json")
+    options = ("--start", 1.0, "--end", 1.5, "--raw", "--set", "rate_hz=15", "--weights", "score", "--outputs", "")
     got = figures(capsys, "track", demo_session, "--out", out, *options)
     poses = read_recording(out).poses
     assert got["time_steps"] == len(poses) == 8
@@ -80,17 +72,6 @@ def test_a_camera_that_cannot_be_read_is_left_out_and_named(broken_session: Path
     assert read_recording(tmp_path / "result").rig.names == ("cam00", "cam02", "cam03")
 
 
-def test_a_video_that_breaks_off_costs_only_its_rest(broken_session: Path, tmp_path: Path, capsys) -> None:
-    film = broken_session / "videos" / "cam02.mp4"
-    content = bytearray(film.read_bytes())
-    media = content.index(b"mdat")
-    content[media + 20_000 : media + 60_000] = bytes(40_000)
-    film.write_bytes(content)
-    code, _ = first_frames(broken_session, tmp_path / "result", capsys)
-    assert code == 0
-    assert read_recording(tmp_path / "result").rig.names == ("cam00", "cam01", "cam02", "cam03")
-
-
 @pytest.mark.parametrize("left", [0, 1])
 def test_too_few_readable_cameras_are_an_error_and_leave_nothing(broken_session: Path, tmp_path: Path, capsys, left: int) -> None:
     for i in range(left, 4):
@@ -110,3 +91,51 @@ def test_videos_of_another_size_are_an_error_with_both_sizes(broken_session: Pat
     assert code == 1
     assert "640x480" in said and "700x480" in said and "crop" in said
     assert not list(tmp_path.glob("result*"))
+
+
+# --- a video is damaged: tracked as far as it goes, and the camera is named
+
+
+CAMERA, OTHERS = "cam01", ("cam00", "cam02", "cam03")
+
+
+@pytest.fixture
+def session(demo_session: Path, tmp_path: Path) -> Path:
+    """The first second of the bundled clip, the index of every video at its start, as cameras for the web write it."""
+    folder = tmp_path / "session"
+    (folder / "videos").mkdir(parents=True)
+    shutil.copyfile(demo_session / "rig.toml", folder / "rig.toml")
+    for camera in (CAMERA, *OTHERS):
+        source, target = (place / "videos" / f"{camera}.mp4" for place in (demo_session, folder))
+        remuxed(source, target, frames=30, options={"movflags": "faststart"})
+    return folder
+
+
+def frames_start(video: bytes) -> int:
+    return video.index(b"mdat") + 4
+
+
+def cut(video: bytes) -> bytes:
+    """Copied to a disk that was full: the index lists every frame, the bytes of the later half are missing."""
+    return video[: (frames_start(video) + len(video)) // 2]
+
+
+def corrupt(video: bytes) -> bytes:
+    """A stretch of zeros where the disk lost blocks, from the middle to the end."""
+    middle = (frames_start(video) + len(video)) // 2
+    return video[:middle] + bytes(len(video) - middle)
+
+
+@pytest.mark.parametrize("damage", [cut, corrupt])
+def test_a_camera_with_a_damaged_video_is_named_with_its_missing_share(session, demo_session, capsys, damage) -> None:
+    video = session / "videos" / f"{CAMERA}.mp4"
+    video.write_bytes(damage(video.read_bytes()))
+    words = ["track", str(session), "--out", str(session.with_name("result")), *as_options(oracle()), "--outputs", "", "--json"]
+    assert main(words) == 0
+    shown = capsys.readouterr()
+    figures, said = json.loads(shown.out), shown.err
+    [line] = [line for line in said.splitlines() if line.startswith("warning: ") and "cannot be read" in line]
+    assert line.startswith(f"warning: camera {CAMERA}: ") and "% of its frames cannot be read (" in line
+    assert "it stops at " in line
+    assert figures["time_steps"] == 30, "the other cameras are tracked to their end"
+    assert not any(f"camera {camera}" in said for camera in OTHERS)

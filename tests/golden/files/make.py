@@ -15,10 +15,8 @@ HERE = Path(__file__).parent
 def golden_rig() -> Rig:
     K = np.array([[903.5, 0, 618.25], [0, 907.75, 394.5], [0, 0, 1]])
     poses = [SE3.from_rotvec([0.1 * i, -1.2, 0.4], [0.25 * i, -0.5, 3.0 + i]) for i in range(2)]
-    cameras = [
-        Camera(name=f"cam_{i}", size_wh=(1280, 720), K=K, cam_from_world=pose, distortion=np.array([-0.3, 0.05, 0.001, -0.002]))
-        for i, pose in enumerate(poses)
-    ]
+    lens = {"K": K, "distortion": np.array([-0.3, 0.05, 0.001, -0.002])}
+    cameras = [Camera(name=f"cam_{i}", size_wh=(1280, 720), cam_from_world=pose, **lens) for i, pose in enumerate(poses)]
     return Rig(tuple(cameras), world_set_by="golden", residual_px=0.5)
 
 

@@ -29,10 +29,8 @@ def golden_rig() -> Rig:
     K = np.array([[576.0, 0, 319.5], [0, 576.0, 239.5], [0, 0, 1]])
     centres = [np.array([4 * np.cos(a), 4 * np.sin(a), 2.0]) for a in (0.3, 2.4, 4.5)]
     poses = [looking_at(centre, np.array([0, 0, 1.0])) for centre in centres]
-    return Rig(
-        tuple(Camera(name=f"cam{i}", size_wh=(640, 480), K=K, cam_from_world=pose) for i, pose in enumerate(poses)),
-        world_set_by="golden",
-    )
+    cameras = [Camera(name=f"cam{i}", size_wh=(640, 480), K=K, cam_from_world=pose) for i, pose in enumerate(poses)]
+    return Rig(tuple(cameras), world_set_by="golden")
 
 
 # a process that stops in the middle of a recording, as after Ctrl-C

@@ -1,58 +1,43 @@
 """One small world with everything in it, and other people's readers of it; skipped by name where they are not installed."""
 
 import json
-import re
 import shutil
 import subprocess
 from dataclasses import dataclass
 from pathlib import Path
 
 import pytest
+import scenes
 
 import posefuse as pf
 from posefuse_sim import Scene
 from posefuse_sim.build import LiveScene, live_scene
-from posefuse_sim.cameras import ImageSettings, ListedCameras, PlacedCamera, SensorSettings
 from posefuse_sim.gazebo import GazeboWorld
 from posefuse_sim.gazebo.export import shown_scene
-from posefuse_sim.motion.settings import CirclePath, WalkSettings
-from posefuse_sim.props import ArucoCube, CharucoBoard, GroundTile, StillPath, WavedPath
-from posefuse_sim.scene import PersonSettings, write_scene
-from posefuse_sim.surroundings import BoxOccluder, RoomSettings
+from posefuse_sim.scene import write_scene
 
 _HERE = Path(__file__).parent
-_SCHEMAS = Path("/usr/share/sdformat12/1.9")
 # every axis of the image and both focal lengths differ, so that nothing can be taken for another
-_PLAIN = ImageSettings(size_px=(320, 200), K=((260.0, 0, 148.25), (0, 290.0, 111.75), (0, 0, 1)))
-_BENT = ImageSettings(size_px=(240, 180), horizontal_fov_deg=70, distortion=(-0.25, 0.08, 0.002, -0.001, 0.0))
+_PLAIN = {"size_px": [320, 200], "K": [[260.0, 0, 148.25], [0, 290.0, 111.75], [0, 0, 1]]}
+_BENT = {"size_px": [240, 180], "horizontal_fov_deg": 70, "distortion": [-0.25, 0.08, 0.002, -0.001, 0.0]}
+_SENSOR = {"rate_hz": 12.5, "noise_dn": 2.0, "offset_s": 0.5, "exposure_s": 0.004}
 
-SCENE = Scene(
-    duration_s=1.0,
+SCENE = scenes.scene(
     rate_hz=20,
     seed=3,
-    cameras=ListedCameras(
-        kind="list",
-        cameras=(
-            PlacedCamera(name="plain", position_m=(3.4, 0.6, 1.9), roll_deg=12, image=_PLAIN),
-            PlacedCamera(
-                name="bent",
-                position_m=(-1.8, -2.6, 1.4),
-                image=_BENT,
-                sensor=SensorSettings(rate_hz=12.5, noise_dn=2.0, offset_s=0.5, exposure_s=0.004),
-            ),
-            PlacedCamera(name="above", position_m=(0.2, 0.1, 3.4), look_at_m=(0.2, 0.1, 0.0), image=_PLAIN),
-        ),
+    cameras=scenes.listed(
+        {"name": "plain", "position_m": [3.4, 0.6, 1.9], "roll_deg": 12, "image": _PLAIN},
+        {"name": "bent", "position_m": [-1.8, -2.6, 1.4], "image": _BENT, "sensor": _SENSOR},
+        {"name": "above", "position_m": [0.2, 0.1, 3.4], "look_at_m": [0.2, 0.1, 0.0], "image": _PLAIN},
     ),
-    people=(PersonSettings(motion=WalkSettings(kind="walk", speed_mps=1.3, path=CirclePath(shape="circle", radius_m=1.2))),),
-    occluders=(BoxOccluder(kind="box", position_m=(0.9, -0.9, 0.3), size_m=(0.3, 0.4, 0.6), yaw_deg=25),),
-    props=(
-        ArucoCube(kind="aruco_cube", name="cube", path=WavedPath(kind="waved", extent_m=(0.5, 0.5, 0.3))),
-        CharucoBoard(
-            kind="charuco_board", name="board", path=StillPath(kind="still", position_m=(-1, 1, 1), roll_deg=80, yaw_deg=30)
-        ),
-        GroundTile(kind="ground_tile", name="tile"),
-    ),
-    room=RoomSettings(size_m=(8.0, 9.0)),
+    people=[{"motion": {"kind": "walk", "speed_mps": 1.3, "path": {"shape": "circle", "radius_m": 1.2}}}],
+    occluders=[{"kind": "box", "position_m": [0.9, -0.9, 0.3], "size_m": [0.3, 0.4, 0.6], "yaw_deg": 25}],
+    props=[
+        {"kind": "aruco_cube", "name": "cube", "path": {"kind": "waved", "extent_m": [0.5, 0.5, 0.3]}},
+        {"kind": "charuco_board", "name": "board", "path": scenes.still([-1, 1, 1], roll_deg=80, yaw_deg=30)},
+        {"kind": "ground_tile", "name": "tile"},
+    ],
+    room={"size_m": [8.0, 9.0]},
 )
 
 
@@ -96,7 +81,7 @@ def _compiled(name: str, package: str, debian: str, folder: Path) -> Path:
 
 @pytest.fixture(scope="session")
 def libsdformat(tmp_path_factory):
-    """What libsdformat reads from a world file: a dict, or None where it reports an error."""
+    """What libsdformat reads from a world file: a dict, or None where it reports an error or what SDF does not have."""
     program = _compiled("sdf_world", "sdformat12", "libsdformat-dev", tmp_path_factory.mktemp("cc"))
 
     def read(world: Path):
@@ -112,52 +97,10 @@ def gazebo_reader(tmp_path_factory):
     program = _compiled("dae_actor", "ignition-common4-graphics", "libignition-common-dev", tmp_path_factory.mktemp("cc"))
 
     def read(file: Path, times_s):
-        done = subprocess.run(
-            [str(program), str(file), *(f"{t:.9f}" for t in times_s)], capture_output=True, text=True, check=False, timeout=120
-        )
+        command = [str(program), str(file), *(f"{t:.9f}" for t in times_s)]
+        done = subprocess.run(command, capture_output=True, text=True, check=False, timeout=120)
         assert done.returncode == 0, f"{done.returncode} {done.stderr}"
         facts, *poses, skin = map(json.loads, done.stdout.splitlines())
         return facts, poses, skin
 
     return read
-
-
-@pytest.fixture(scope="session")
-def xsd_faults(tmp_path_factory):
-    """What the XML schemas of SDF 1.9 find wrong with a file, line by line.
-
-    The schemas of sdformat 12.3 do not load as they are: basic types and one sensor are not among the files, the parts of a
-    saved state declare elements twice, and a pose with attributes may have no content. That much is mended in a copy.
-    """
-    if shutil.which("xmllint") is None:
-        pytest.skip("xmllint is not installed (Debian: libxml2-utils)")
-    if not _SCHEMAS.is_dir():
-        pytest.skip("the schemas of SDF 1.9 are not installed (Debian: libsdformat-dev)")
-    folder = tmp_path_factory.mktemp("schemas")
-    for file in _SCHEMAS.glob("*.xsd"):
-        text = file.read_text().replace("http://sdformat.org/schemas/", f"{folder}/")
-        (folder / file.name).write_text(re.sub(r"(name='pose'>\s*<xsd:complexType)>", r"\1 mixed='true'>", text))
-    (folder / "types.xsd").write_text(_schema("".join(_numbers(*one) for one in _TYPES.items())))
-    for name in ("navsat", "state"):
-        (folder / f"{name}.xsd").write_text(_schema(f"<xsd:element name='{name}'/>"))
-
-    def faults(path: Path) -> list[str]:
-        command = ["xmllint", "--nonet", "--noout", "--schema", str(folder / "root.xsd"), str(path)]
-        done = subprocess.run(command, capture_output=True, text=True, check=False, timeout=60)
-        assert "failed to compile" not in done.stderr, done.stderr
-        return [line for line in done.stderr.splitlines() if "error" in line]
-
-    return faults
-
-
-_TYPES = {"vector2d": 2, "vector3": 3, "pose": 6, "color": 4, "time": 2}
-
-
-def _schema(content: str) -> str:
-    return f"<xsd:schema xmlns:xsd='http://www.w3.org/2001/XMLSchema'>{content}</xsd:schema>"
-
-
-def _numbers(name: str, count: int) -> str:
-    number = r"[-+]?[.0-9]+([eE][-+]?[0-9]+)?"
-    rule = f"<xsd:whiteSpace value='collapse'/><xsd:pattern value='{number}( {number}){{{count - 1}}}'/>"
-    return f"<xsd:simpleType name='{name}'><xsd:restriction base='xsd:string'>{rule}</xsd:restriction></xsd:simpleType>"

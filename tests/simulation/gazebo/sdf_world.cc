@@ -12,7 +12,10 @@ static void pose(const ignition::math::Pose3d &p)
 int main(int, char **argv)
 {
   sdf::Root root;
-  const auto errors = root.Load(argv[1]);
+  // it passes by what it does not know otherwise
+  auto strict = sdf::ParserConfig::GlobalConfig();
+  strict.SetUnrecognizedElementsPolicy(sdf::EnforcementPolicy::ERR);
+  const auto errors = root.Load(argv[1], strict);
   for (const auto &error : errors)
     std::cerr << error.Message() << "\n";
   if (!errors.empty() || root.WorldCount() != 1)

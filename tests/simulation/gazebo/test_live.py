@@ -11,15 +11,13 @@ from pathlib import Path
 import pytest
 from own_domain import own_domain
 from running import Running
+from scenes import scene
 
 pytest.importorskip("cyclonedds")
 pytest.importorskip("mujoco")
 
 from posefuse_ros.bags import read_clock, read_mcap
-from posefuse_sim.cameras import ImageSettings, RingCameras, SensorSettings
 from posefuse_sim.gazebo import export_world
-from posefuse_sim.motion.settings import CirclePath, WalkSettings
-from posefuse_sim.scene import PersonSettings, Scene
 from posefuse_sim.session import simulate
 
 pytestmark = [pytest.mark.slow, pytest.mark.gl]
@@ -27,18 +25,13 @@ DOMAIN = own_domain()
 RATE, POSES_S, PATIENCE_S = 0.4, 6.0, 240.0
 # a wrong length of the motion, and what has to be recorded to tell it from the true one, in simulated time
 WRONG_LOOP_NS, LEAST_SIM_NS = 3_000_000_000, 5_000_000_000
-SCENE = Scene(
+IMAGE, SENSOR = {"size_px": [320, 240], "horizontal_fov_deg": 60}, {"noise_dn": 2.0}
+SCENE = scene(
     duration_s=6.0,
     rate_hz=10,
     seed=5,
-    cameras=RingCameras(
-        kind="ring",
-        count=3,
-        radius_m=3.5,
-        image=ImageSettings(size_px=(320, 240), horizontal_fov_deg=60),
-        sensor=SensorSettings(noise_dn=2.0),
-    ),
-    people=(PersonSettings(motion=WalkSettings(kind="walk", speed_mps=1.0, path=CirclePath(shape="circle", radius_m=0.9))),),
+    cameras={"kind": "ring", "count": 3, "radius_m": 3.5, "image": IMAGE, "sensor": SENSOR},
+    people=[{"motion": {"kind": "walk", "speed_mps": 1.0, "path": {"shape": "circle", "radius_m": 0.9}}}],
 )
 
 
