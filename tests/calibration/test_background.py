@@ -2,13 +2,16 @@
 
 import dataclasses
 import itertools
+import shutil
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
+import built
 import cv2
 import numpy as np
 import pytest
+from commands import oracle
 
 import posefuse as pf
 from posefuse.calibration.clocks.sync import ClockEstimate
@@ -63,8 +66,7 @@ class Drawn:
         image[top : top + size, left : left + size] = self.thing
         noise = np.random.default_rng(i).normal(0, 2, image.shape)
         image = np.clip(image * (self.light if i > 40 else 1.0) + noise, 0, 255).astype(np.uint8)
-        rgb = np.repeat(image[..., None], 3, axis=2)
-        return Frame(camera="cam00", seq=i, t_ns=i * PERIOD_NS, received_ns=i * PERIOD_NS, image=rgb)
+        return built.frame("cam00", i * PERIOD_NS, np.repeat(image[..., None], 3, axis=2), seq=i)
 
 
 def _texture(random: np.random.Generator, shape: tuple[int, int]) -> Array:
@@ -196,16 +198,12 @@ def test_what_fails_in_the_input_and_in_the_calibration_is_refused_together() ->
 
 def test_track_warns_as_it_begins_and_the_result_keeps_it(demo_session: Path, tmp_path: Path) -> None:
     session = tmp_path / "demo"
-    (session / "videos").mkdir(parents=True)
-    for path in (demo_session / "videos").glob("*.mp4"):
-        (session / "videos" / path.name).write_bytes(path.read_bytes())
-    (session / "rig.toml").write_bytes((demo_session / "rig.toml").read_bytes())
+    shutil.copytree(demo_session, session)
     video = VideoConfig(demo_session / "videos" / "cam01.mp4", "cam01").build()
     turned = Turned(video, pf.read_rig(demo_session / "rig.toml")["cam01"], (0.0, 0.7, 0.0))
     with VideoWriter(session / "videos" / "cam01.mp4", video.size_wh, 30.0) as kept:
         for frame in itertools.islice(turned.frames_from(0), 64):
             kept.write(frame.image, frame.t_ns)
-    oracle = {"detector.name": "oracle", "detector.options.truth": str(demo_session / "truth" / "truth.npz")}
     with pytest.warns(UserWarning, match=r"background of cam01 turns by 0\.[67]\d deg .* between (0\.\d|1\.0) and 1\.[01] s"):
-        found = pf.track(session, end_s=2.0, settings=oracle)
+        found = pf.track(session, end_s=2.0, settings=oracle(demo_session))
     assert "background of cam01" in found.provenance["rig_warnings"][0]

@@ -29,23 +29,31 @@ BOARD = Charuco(columns=5, rows=7, square_m=0.04, marker_m=0.03)
 REPORT = CalibrationReport("extrinsics", (Check("halves agree", True, "fine"),), numbers={"rms_px": 0.3})
 
 
-def test_recordings_are_named_by_mapping_or_by_file(tmp_path: Path) -> None:
-    assert paths_by_camera(["a/left.mp4", "b/right.mp4"]) == {"left": Path("a/left.mp4"), "right": Path("b/right.mp4")}
-    assert paths_by_camera({"cam": "a.mp4"}) == {"cam": Path("a.mp4")}
-    refusal(InputError, "two recordings are named cam", paths_by_camera, ["one/cam.mp4", "two/cam.mp4"])
-
-
 def test_a_session_folder_holds_videos_or_folders_of_images_as_track_and_the_simulator_have_them(tmp_path: Path) -> None:
     videos = tmp_path / "videos"
+    videos.mkdir()
+    (videos / "cam01.json").touch()
+    refusal(InputError, "expected videos", paths_by_camera, [str(tmp_path)])
     for name in ("cam00", "cam01"):
         (videos / name).mkdir(parents=True)
         (videos / name / "000.jpg").touch()
     (videos / "notes").mkdir()
     assert paths_by_camera(tmp_path) == {"cam00": videos / "cam00", "cam01": videos / "cam01"}
     (videos / "cam02.mp4").touch()
-    assert paths_by_camera([tmp_path])["cam02"] == videos / "cam02.mp4"
+    found = paths_by_camera([str(tmp_path), "other=x.mp4"])
+    assert list(found) == ["cam00", "cam01", "cam02", "other"] and found["cam02"] == videos / "cam02.mp4"
     (videos / "cam00.mp4").touch()
     refusal(InputError, "two recordings are named cam00", paths_by_camera, tmp_path)
+
+
+def test_a_text_names_a_recording_unless_a_file_has_that_name(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    Path("speed=3.mp4").touch()
+    assert paths_by_camera(["speed=3.mp4", "left=a=b.mp4"]) == {"speed=3": Path("speed=3.mp4"), "left": Path("a=b.mp4")}
+    assert paths_by_camera([Path("right=c.mp4")]) == {"right=c": Path("right=c.mp4")}
+    assert paths_by_camera({"cam": "a.mp4"}) == {"cam": Path("a.mp4")}
+    with pytest.raises(InputError, match="two recordings are named left; give each camera its own name, as NAME=PATH"):
+        paths_by_camera(["left=a.mp4", "videos/left.mp4"])
 
 
 def test_what_is_wrong_is_reported_before_any_work(lab: Any, tmp_path: Path) -> None:
@@ -133,15 +141,12 @@ def test_a_camera_that_sees_the_marker_on_the_floor_alone_is_named(lab: Any, tmp
         calibrate_extrinsics(alone, intrinsics=lab.rig, target=lab.target, floor=floor)
 
 
-def test_clock_offsets_become_settings_and_never_overwrite_them(lab: Any, tmp_path: Path) -> None:
-    late_s = np.array([0.0, 0.12, -0.05, 0.031])[: len(lab.rig)]
-    clocks = ClockEstimate.known(late_s, 0.0)
+def test_clock_offsets_are_saved_as_settings_and_shown_in_ms(lab: Any, tmp_path: Path) -> None:
+    """Which settings these are: `test_clocks_reach_the_settings_of_track_and_never_overwrite_them`."""
+    clocks = ClockEstimate.known(np.array([0.0, 0.12, -0.05, 0.031]), 0.0)
     found = ClockCalibration(rig=lab.rig, clocks=clocks, report=REPORT, frame_period_s=(0.02,) * len(lab.rig))
-    path = found.save(tmp_path / "posefuse.toml")
-    assert path is not None and "offset_s = -0.120000" in path.read_text()
-    refusal(InputError, r"posefuse\.toml", found.save, path)
-    nothing = ClockEstimate.known(0 * late_s, 0.0)
-    same = ClockCalibration(rig=lab.rig, clocks=nothing, report=REPORT, frame_period_s=found.frame_period_s)
+    refusal(InputError, r"posefuse\.toml", found.save, found.save(tmp_path / "posefuse.toml"))
+    same = replace(found, clocks=ClockEstimate.known(np.zeros(4), 0.0))
     assert same.save(tmp_path / "other.toml") is None and not (tmp_path / "other.toml").exists()
     rig = RigCalibration(rig=lab.rig, report=REPORT, clocks=clocks)
     assert rig.numbers["rms_px"] == 0.3 and rig.numbers[f"{lab.rig.names[1]}_offset_ms"] == pytest.approx(120)

@@ -16,7 +16,6 @@ from posefuse.api.calibration_results import save_clocks, saved_clocks
 from posefuse.calibration.clocks.sync import ClockEstimate
 from posefuse.calibration.report import CalibrationReport, Check, CheckKind, RefusedCalibration
 from posefuse.calibration.targets.kinds import Charuco, Markers, write_target
-from posefuse.calibration.targets.recordings import paths_by_camera
 from posefuse.cli.asked import Asked, next_after
 from posefuse.cli.command_line import parse
 from posefuse.cli.terminal import Terminal
@@ -159,22 +158,3 @@ def test_verification_reads_the_clocks_that_a_calibration_wrote(lab: Any, tmp_pa
     # `verify` left them out without a word, and found the clock of cam01 wrong; `track` refuses them
     path.write_text("[cameras.cam_01]\noffset_s = -0.1\n")
     refusal(InputError, "no camera cam_01 in the rig; there are: cam00, cam01", saved_clocks, path, lab.rig)
-
-
-def test_a_session_folder_stands_for_its_videos(tmp_path: Path) -> None:
-    (tmp_path / "videos").mkdir()
-    refusal(InputError, "expected videos", paths_by_camera, [str(tmp_path)])
-    for name in ("cam02.mp4", "cam01.mp4", "cam01.json"):
-        (tmp_path / "videos" / name).touch()
-    found = paths_by_camera([str(tmp_path), f"other={tmp_path / 'x.mp4'}"])
-    assert list(found) == ["cam01", "cam02", "other"]
-    assert found["cam02"] == tmp_path / "videos" / "cam02.mp4"
-
-
-def test_a_text_names_a_recording_unless_a_file_has_that_name(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.chdir(tmp_path)
-    Path("speed=3.mp4").touch()
-    assert paths_by_camera(["speed=3.mp4", "left=a=b.mp4"]) == {"speed=3": Path("speed=3.mp4"), "left": Path("a=b.mp4")}
-    assert paths_by_camera([Path("right=c.mp4")]) == {"right=c": Path("right=c.mp4")}
-    with pytest.raises(InputError, match="two recordings are named left; give each camera its own name, as NAME=PATH"):
-        paths_by_camera(["left=a.mp4", "videos/left.mp4"])

@@ -1,6 +1,6 @@
 """Clocks from what moves before known cameras: seconds apart, drifting, and what cannot be determined."""
 
-import json
+import shutil
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -10,6 +10,7 @@ import pytest
 from calibrating import run
 from checks import refusal
 from scipy.interpolate import CubicSpline
+from studies import write_openpose
 
 from posefuse.calibration.clocks.paths import _splines, at_times
 from posefuse.calibration.clocks.person_tracks import PersonTrack
@@ -120,16 +121,10 @@ def test_clocks_of_a_session_are_found_written_and_read_by_track(rig: Rig, tmp_p
     rate_hz, late_frames = 20.0, (0.0, 7.4, -3.0, 0.5)
     write_rig(tmp_path / "rig.toml", rig)
     for camera, late in zip(rig, late_frames, strict=True):
-        folder = tmp_path / "pose2d" / camera.name
-        folder.mkdir(parents=True)
-        for number, xy in enumerate(camera.project(body((np.arange(200) - late) / rate_hz))):
-            person = np.column_stack([xy, np.full(len(xy), 0.9)]).ravel().tolist()
-            people = [{"pose_keypoints_2d": person}]
-            (folder / f"{number:06d}.json").write_text(json.dumps({"people": people if camera.name != "cam03" else []}))
+        people = camera.project(body((np.arange(200) - late) / rate_hz))[:, None]
+        write_openpose(tmp_path / "pose2d" / camera.name, dict(enumerate(people[:, : camera.name != "cam03"])))
     refusal(InputError, r"camera cam03: no person", run, "clocks", str(tmp_path), "--rate", "20")
-    for path in (tmp_path / "pose2d" / "cam03").iterdir():
-        path.unlink()
-    (tmp_path / "pose2d" / "cam03").rmdir()
+    shutil.rmtree(tmp_path / "pose2d" / "cam03")
     refusal(InputError, "do not state their frame rate", run, "clocks", str(tmp_path))
     figures = run("clocks", str(tmp_path), "--rate", "20", "--most-s", "2")
     assert figures["cam01_offset_ms"] == pytest.approx(370, abs=3)
@@ -146,16 +141,10 @@ def test_clocks_of_a_session_are_found_written_and_read_by_track(rig: Rig, tmp_p
 
 
 def test_a_camera_unsynchronised_is_reported_with_the_command_that_helps() -> None:
-    line = finding_line(
-        RigFinding(
-            kind="unsynchronised", cameras=("cam01",), t_ns=12_000_000_000, detail="cam01 is unsynchronised", displaced_m=0.1
-        ),
-        Path("trial"),
-    )
-    assert line == "at 12.0 s: cam01 is unsynchronised; `posefuse calibrate clocks trial` finds its offset"
-    assert "posefuse" not in finding_line(
-        RigFinding(kind="moved", cameras=("cam01",), t_ns=0, detail="cam01 was moved", displaced_m=0.1), Path("trial")
-    )
+    late = RigFinding(kind="unsynchronised", cameras=("cam01",), t_ns=12_000_000_000, detail="cam01 is late", displaced_m=0.1)
+    line = finding_line(late, Path("trial"))
+    assert line == "at 12.0 s: cam01 is late; `posefuse calibrate clocks trial` finds its offset"
+    assert "posefuse" not in finding_line(replace(late, kind="moved"), Path("trial"))
 
 
 def test_points_are_read_between_frames_but_not_across_gaps() -> None:
