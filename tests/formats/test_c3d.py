@@ -23,16 +23,8 @@ def some_points() -> C3dData:
     angles = rng.normal(size=(7, 2, 3))
     angles[4, 1] = np.nan
     about = {"VERSION": "0.1.0", "PROVENANCE": "a long text, with blanks at odd places " * 20}
-    names = ("left_hip", "right_hip", "left_knee", "right_knee", "nose")
-    return C3dData(
-        names=names,
-        xyz_world=xyz,
-        sigma_m=sigma,
-        rate_hz=29.97,
-        angle_names=("left_hip_angles", "left_knee_angles"),
-        angle_rad=angles,
-        about=about,
-    )
+    named = {"names": ("left_hip", "right_hip", "left_knee", "right_knee", "nose"), "angle_names": ("left_hip_a", "left_knee_a")}
+    return C3dData(**named, xyz_world=xyz, sigma_m=sigma, rate_hz=29.97, angle_rad=angles, about=about)
 
 
 def test_round_trip(tmp_path: Path) -> None:
@@ -128,16 +120,13 @@ def test_bad_input(tmp_path: Path) -> None:
     refusal(ShapeError, "1 names", points, "a", 2)
     refusal(ShapeError, "rate_hz: expected > 0", points, "a", rate_hz=0.0)
     assert not (tmp_path / "b.c3d").exists()
-
-
-def test_units_that_are_unknown(tmp_path: Path) -> None:
     file = ezc3d.c3d()
-    file["parameters"]["POINT"]["RATE"]["value"] = [100]
-    file["parameters"]["POINT"]["LABELS"]["value"] = ["a"]
-    file["parameters"]["POINT"]["UNITS"]["value"] = ["inch"]
+    about = {"RATE": [100], "LABELS": ["a"], "UNITS": ["inch"]}
+    for name, value in about.items():
+        file["parameters"]["POINT"][name]["value"] = value
     file["data"]["points"] = np.ones((4, 1, 3))
-    file.write(str(tmp_path / "a.c3d"))
-    refusal(InputError, "POINT:UNITS: expected one of mm, cm, m, got 'inch'", read_c3d, tmp_path / "a.c3d")
+    file.write(str(tmp_path / "inch.c3d"))
+    refusal(InputError, "POINT:UNITS: expected one of mm, cm, m, got 'inch'", read_c3d, tmp_path / "inch.c3d")
 
 
 def blocks_like_the_library(path: Path) -> None:

@@ -172,7 +172,6 @@ def test_a_camera_that_sets_its_clock_back_loses_no_frame(tmp_path: Path) -> Non
     made_stream(tmp_path / "made", "x264 without B-frames")
     with KeptVideo(tmp_path / "kept.mp4") as video:
         for i, frame in enumerate(VideoConfig(tmp_path / "made", "cam00", keep_encoded=True, threads=False).build().frames()):
-            assert frame.encoded is not None
             [packet], back_ns = frame.encoded.packets, (i > 20) * 60_000_000_000
             packet = replace(packet, stamp_ns=packet.stamp_ns - back_ns)
             encoded = replace(frame.encoded, packets=(packet,), stamp_ns=packet.stamp_ns)

@@ -176,13 +176,6 @@ def test_qualisys_distortion_is_what_a_board_shows(shared_data: Path) -> None:
         np.testing.assert_allclose(lens.ravel()[1], rig[name].distortion[1], atol=0.03)
 
 
-def test_caliscopes_own_file(shared_data: Path) -> None:
-    rig = read_rig(shared_data / "caliscope" / "post_optimization" / "camera_array.toml")
-    assert rig.names == ("cam_0", "cam_1", "cam_2", "cam_3")
-    np.testing.assert_allclose(rig["cam_2"].cam_from_world.xyz, [-0.23847883889454596, 0.18461082840729343, 1.1682943900670697])
-    assert rig["cam_0"].distortion[4] == 0.0665682301495769
-
-
 @pytest.mark.parametrize("path", sorted(GOLDEN.glob("rig*")) + [GOLDEN / "camera_array.toml"], ids=lambda path: path.name)
 def test_golden_files_still_read_as_they_did(path: Path) -> None:
     facts = json.loads((GOLDEN / "facts.json").read_text())
@@ -224,12 +217,7 @@ BENT = [[1.0, 0.01, 0], [0, 1.0, 0], [0, 0, 1.0]]
         ("rig.yaml", "image_width", "width_of_image", r"camera cam_0: image_width or width is missing"),
         ("rig.yaml", "R: !!opencv", "X: !!opencv", r"camera cam_0: R or rvec or .* is missing"),
         ("rig.yaml", "camera_matrix: ", "camera_matrix: }{ ", r"cannot be parsed"),
-        (
-            "camera_array.toml",
-            "rotation = [[",
-            "rotation = [[9.0, 0, 0], [0, 1, 0], [0, 0, 1]]\nold = [[",
-            r"camera cam_0: rotation: not a rotation",
-        ),
+        ("camera_array.toml", "rotation = [[", "rotation = [[9.0, 0], [0, 1]]\nold = [[", r"camera cam_0: rotation: .*got shape"),
         ("rig_ros/cam_0.yaml", "tf:", "pose:", r"cam_0.yaml: camera cam_0: has no pose; .*TransformStamped"),
         ("rig_ros/cam_0.yaml", "plumb_bob", "pinecone", r"distortion_model: expected one of plumb_bob, .*, got 'pinecone'"),
         ("rig_ros/cam_0.yaml", "w: ", "w: 1", r"tf: rotation: expected a unit quaternion"),
@@ -253,7 +241,7 @@ def test_a_file_that_cannot_be_right_is_refused_by_file_camera_and_fault(
     assert path.name in refusal(CalibrationError, message, read_rig, read)
 
 
-@pytest.mark.parametrize(("matrix", "message"), [(MIRROR, "mirrored"), (BENT, "not a rotation matrix"), (np.eye(4), "got shape")])
+@pytest.mark.parametrize(("matrix", "message"), [(MIRROR, "mirrored"), (BENT, "not a rotation matrix")])
 def test_matrices_that_are_no_rotation(tmp_path: Path, ring_rig: Callable[..., Rig], matrix: list, message: str) -> None:
     content = json.loads((GOLDEN / "rig.json").read_text())
     for good in (np.eye(3), np.round(ring_rig(1).cameras[0].cam_from_world.matrix(), 5)):
@@ -262,7 +250,7 @@ def test_matrices_that_are_no_rotation(tmp_path: Path, ring_rig: Callable[..., R
         got = read_rig(tmp_path / "rig.json").cameras[0].cam_from_world.matrix()
         np.testing.assert_allclose(got, good, atol=2e-5)
         np.testing.assert_allclose(got @ got.T, np.eye(3), atol=1e-14)
-    content["cam_0"]["R"] = np.asarray(matrix).tolist()
+    content["cam_0"]["R"] = matrix
     (tmp_path / "rig.json").write_text(json.dumps(content))
     refusal(CalibrationError, rf"camera cam_0: rotation: .*{message}", read_rig, tmp_path / "rig.json")
 

@@ -34,9 +34,7 @@ def test_round_trip(tmp_path_factory: pytest.TempPathFactory, times: int, marker
 
 
 def test_axes_are_turned_at_the_door(tmp_path: Path) -> None:
-    data = TrcData(
-        names=("a", "b"), t_s=np.array([0.0]), xyz_world=np.array([[[1.0, 2.0, 3.0], [-4.0, -5.0, -6.0]]]), rate_hz=60.0
-    )
+    data = TrcData(names=("a",), t_s=np.array([0.0]), xyz_world=np.array([[[1.0, 2.0, 3.0]]]), rate_hz=60.0)
     write_trc(tmp_path / "a.trc", data, "mm")
     cells = (tmp_path / "a.trc").read_text().splitlines()[6].split("\t")
     # Y of the file is up: our Z

@@ -93,19 +93,17 @@ def test_cameras_are_listed_by_what_opens_them(monkeypatch: pytest.MonkeyPatch) 
 def test_a_camera_of_linux_is_listed_once_by_the_node_that_has_its_images(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
-    about = {"video0": ("0", "BRIO"), "video1": ("1", "BRIO"), "video2": (None, None)}
-    for node, (index, name) in about.items():
-        (tmp_path / "dev").mkdir(exist_ok=True)
-        (tmp_path / "dev" / node).touch()
-        if index is not None and name is not None:
-            (tmp_path / "sys" / node).mkdir(parents=True)
-            (tmp_path / "sys" / node / "index").write_text(f"{index}\n")
-            (tmp_path / "sys" / node / "name").write_text(f"{name}\n")
+    dev, v4l = tmp_path / "dev", tmp_path / "sys"
+    dev.mkdir()
+    for node, index in (("video0", "0"), ("video1", "1"), ("video2", "")):
+        (dev / node).touch()
+        (v4l / node).mkdir(parents=True)
+        # of the last one the system says nothing
+        for name, text in {"index": index, "name": "BRIO"}.items() if index else ():
+            (v4l / node / name).write_text(f"{text}\n")
     monkeypatch.setattr(platform, "sys", SimpleNamespace(platform="linux"))
-    monkeypatch.setattr(platform, "DEVICES", tmp_path / "dev")
-    monkeypatch.setattr(platform, "V4L", tmp_path / "sys")
-    dev = tmp_path / "dev"
-    # of the last one the system says nothing
+    monkeypatch.setattr(platform, "DEVICES", dev)
+    monkeypatch.setattr(platform, "V4L", v4l)
     assert platform.usb_cameras() == {f"{dev}/video0": "BRIO", f"{dev}/video2": f"{dev}/video2"}
 
 

@@ -68,12 +68,8 @@ def test_how_it_ended_is_said_and_it_is_due_again_later_and_later(monkeypatch: p
     for _ in range(8):
         worker.fail("hung")
         waits.append(worker._again_s - time.monotonic())
-    assert (
-        [round(wait) for wait in waits] == sorted(round(wait) for wait in waits)
-        and waits[0] < 0.5
-        and 9 < waits[-1] <= 10
-        and not worker.due()
-    )
+    assert [round(wait) for wait in waits] == sorted(round(wait) for wait in waits)
+    assert waits[0] < 0.5 and 9 < waits[-1] <= 10 and not worker.due()
     # one that had worked for a while has a new trouble
     worker.started_s -= 60
     worker.fail("hung")

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from checks import refusal
 from running import python
+from scipy.spatial.transform import Rotation
 
 import posefuse as pf
 from posefuse.core import DependencyError, InputError, Recording
@@ -28,17 +29,15 @@ def test_reruns_own_tools_read_it(tmp_path: Path, make_recording: Make, grey_fra
     verified = python("-m", "rerun", "rrd", "verify", str(path))
     assert "verified without error" in verified.stdout + verified.stderr
     listing = python("-m", "rerun", "rrd", "print", str(path)).stdout
-    for entity in (
-        "/world/cameras/cam02/image",
-        "/world/cameras/cam00/detections",
-        "/world/cameras/cam01/skeleton",
-        "/world/people/9/bones",
-        "/world/people/4/uncertainty",
-        "/plots/reprojection_px/person_4",
-        "/plots/views/person_9",
-        "/about",
-    ):
-        assert entity in listing
+    views = (
+        "cameras/cam02/image",
+        "cameras/cam00/detections",
+        "cameras/cam01/skeleton",
+        "people/9/bones",
+        "people/4/uncertainty",
+    )
+    plots = ("/plots/reprojection_px/person_4", "/plots/views/person_9", "/about")
+    assert [name for name in (*(f"/world/{view}" for view in views), *plots) if name not in listing] == []
 
 
 @needs_rerun
@@ -49,31 +48,12 @@ def test_images_can_be_left_out(tmp_path: Path, make_recording: Make, grey_frame
     assert "/world/cameras/cam00" in listing and "/image" not in listing
 
 
-@needs_rerun
-def test_a_pass_that_fails_leaves_no_recording(tmp_path: Path, make_recording: Make) -> None:
-    def broken() -> Iterator:
-        raise KeyboardInterrupt
-        yield
-
-    with pytest.raises(KeyboardInterrupt):
-        write_outputs([RerunSink()], make_recording(), tmp_path, broken())
-    assert list(tmp_path.iterdir()) == []
-
-
 def test_ellipsoids_are_the_covariance() -> None:
     rng = np.random.default_rng(0)
     root = rng.normal(size=(6, 3, 3))
     cov = root @ root.swapaxes(1, 2)
     half, xyzw = ellipsoid_axes(cov)
-    x, y, z, w = xyzw.T
-    turn = np.array(
-        [
-            [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
-            [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
-            [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
-        ]
-    ).transpose(2, 0, 1)
-    axes = turn * half[:, None] / 3
+    axes = Rotation.from_quat(xyzw).as_matrix() * half[:, None] / 3
     np.testing.assert_allclose(axes @ axes.swapaxes(1, 2), cov, atol=1e-12)
 
 
