@@ -1,7 +1,6 @@
 """A process that reads damaged files one after the other; `drive` restarts it when it crashes or hangs.
 
-Each line on stdin names a kind and a folder; each line of the answer is {"outcome": ..., "detail": ...}. What libraries print
-goes to a file, in which warnings and traces count against the reader.
+What libraries print goes to a file, in which warnings and traces count against the reader.
 """
 
 from __future__ import annotations
@@ -9,7 +8,7 @@ from __future__ import annotations
 import contextlib
 import dataclasses
 import hashlib
-import json
+import math
 import os
 import re
 import shlex
@@ -20,6 +19,7 @@ import threading
 import traceback
 import warnings
 from collections.abc import Callable
+from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import Any
 
@@ -164,20 +164,27 @@ def _outcome(kind: str, path: Path, folder: Path, readers: dict[str, Callable[[P
     return ("accepted" if code == _ENDED_WELL else "clear"), ""
 
 
-def main() -> None:
-    """Answer until stdin ends."""
-    answers = os.fdopen(os.dup(1), "w", encoding="utf-8")
+def _end_at(cpu_s: float) -> None:
+    """At this processor time the system ends the process, whatever it is in; on Windows waiting alone is limited."""
+    if sys.platform != "win32":
+        import resource
+
+        resource.setrlimit(resource.RLIMIT_CPU, (math.ceil(cpu_s), resource.getrlimit(resource.RLIMIT_CPU)[1]))
+
+
+def answers(requests: Connection) -> None:
+    """Give (outcome, detail) for every (kind, folder, file, limit of processor time in s) until the other side closes."""
     readers = _readers()
     warnings.simplefilter("always")
     with tempfile.TemporaryFile() as said:
         os.dup2(said.fileno(), 1)
         os.dup2(said.fileno(), 2)
-        print(json.dumps({"outcome": "ready"}), file=answers, flush=True)
-        for line in sys.stdin:
-            kind, folder_name, file = json.loads(line)
+        requests.send("ready")
+        while True:
+            kind, folder, file, limit_s = requests.recv()
+            _end_at(sum(os.times()[:2]) + limit_s)
             said.seek(0)
             said.truncate()
-            folder = Path(folder_name)
             outcome, detail = _outcome(kind, folder / file, folder, readers)
             for stream in (sys.stdout, sys.stderr):
                 with contextlib.suppress(OSError, ValueError):
@@ -186,10 +193,4 @@ def main() -> None:
             noise = said.read().decode("utf-8", errors="replace")
             if outcome != "trace" and _NOISE.search(noise):
                 outcome, detail = "trace", "printed"
-            if outcome == "trace":
-                detail = f"{detail}\n{noise[-3000:]}"
-            print(json.dumps({"outcome": outcome, "detail": detail}), file=answers, flush=True)
-
-
-if __name__ == "__main__":
-    main()
+            requests.send((outcome, f"{detail}\n{noise[-3000:]}" if outcome == "trace" else detail))
