@@ -154,9 +154,7 @@ def test_people_before_the_background_do_not_matter(demo_session: Path, degrees:
     np.testing.assert_allclose(angle, np.linalg.norm(degrees), atol=0.02)
 
 
-def test_cameras_that_turn_at_different_times_refuse_a_calibration_that_fits(
-    lab: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_cameras_that_turn_refuse_a_calibration_that_fits(lab: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     turns = {"cam01": step(0.7, (0, 1, 0), 0.4), "cam02": step(0.6, (1, 0, 0), 0.7)}
     videos = {name: tmp_path / f"{name}.mp4" for name in lab.rig.names}
     for name, path in videos.items():

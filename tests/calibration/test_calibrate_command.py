@@ -272,9 +272,7 @@ def test_a_target_file_is_not_replaced_by_the_result(tmp_path: Path, step: str) 
     assert target.read_bytes() == before
 
 
-def test_a_floor_marker_is_looked_for_where_the_target_has_ids_of_its_own(
-    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
-) -> None:
+def test_a_floor_marker_is_looked_for_with_the_ids_of_a_target(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     looked_for: list[Target] = []
 
     def stop(sources: object, target: Target, *_: object) -> None:

@@ -15,7 +15,7 @@ from posefuse.calibration.extrinsics.pipeline import Options, RigTask, solve, st
 from posefuse.calibration.extrinsics.target import Calibration, calibrate_extrinsics
 from posefuse.calibration.person.scale import KnownLength
 from posefuse.calibration.person.solve import calibrate_from_person
-from posefuse.calibration.person.views import PersonViews, person_views
+from posefuse.calibration.person.views import person_views
 from posefuse.calibration.report import RefusedCalibration
 from posefuse.calibration.targets.corners import CornerObservations, joined
 from posefuse.calibration.targets.detection import TargetDetector, corners_from_frames, detect_corners
@@ -91,24 +91,13 @@ def test_frames_the_rig_has_not_seen_measure_better_than_in_the_reference_which_
     assert rms_m[0] < 1.0e-3 < rms_m[1]
 
 
-def openpose_views(folder: Path, rig: Rig) -> PersonViews:
-    folders = {name: folder / "openpose_json" / f"{name.replace('_', '')}_json" for name in rig.names}
-    return person_views(
-        person_tracks({name: list(read_openpose_folder(path, name).frames(60.0)) for name, path in folders.items()})
-    )
-
-
-def off_px(rig: Rig, views: PersonViews) -> np.ndarray:
-    """(C, 2) median over all keypoints from what a camera saw to where the rays of the others meet."""
-    xy = np.where((views.score >= 0.5)[..., None], views.xy_img, np.nan)
-    return np.nanmedian(off_others_px(rig, xy.reshape(len(rig), -1, 2)), axis=1)
-
-
 @pytest.mark.slow
 def test_a_person_alone_gives_the_rig_roughly(shared_data: Path) -> None:
     folder = shared_data / "pose2sim_single"
     rig = read_rig(folder / "calibration" / "Calib_qualisys.toml")
-    result = calibrate_from_person(openpose_views(folder, rig), rig.cameras, KnownLength(stature_m=1.75))
+    folders = {name: folder / "openpose_json" / f"{name.replace('_', '')}_json" for name in rig.names}
+    seen = {name: list(read_openpose_folder(path, name).frames(60.0)) for name, path in folders.items()}
+    result = calibrate_from_person(person_views(person_tracks(seen)), rig.cameras, KnownLength(stature_m=1.75))
     assert result.report.failed == ()
     metres, radians = differences(rig, result.rig, scaled=True)
     assert np.rad2deg(radians.max()) < 1.0
@@ -116,13 +105,7 @@ def test_a_person_alone_gives_the_rig_roughly(shared_data: Path) -> None:
 
 
 @pytest.mark.slow
-def test_a_person_in_videos_gives_positions_within_30_mm_and_shows_where_the_reference_is_rotated(
-    shared_data: Path, models: None
-) -> None:
-    """In the reference all keypoints of cam_01 and cam_03 lie next to the other cameras' rays by the same 20 to 35 px.
-
-    Two networks that share nothing agree on it to 8 px, and no network is off by that in every keypoint alike.
-    """
+def test_a_person_in_videos_gives_positions_within_30_mm(shared_data: Path, models: None) -> None:
     folder, length = shared_data / "pose2sim_single", KnownLength(stature_m=1.75)
     rig = read_rig(folder / "calibration" / "Calib_qualisys.toml")
     films = {name: folder / "videos" / f"{name.replace('_', '')}.mp4" for name in rig.names}
@@ -133,13 +116,10 @@ def test_a_person_in_videos_gives_positions_within_30_mm_and_shows_where_the_ref
     print(f"\n{metres * 1e3} mm, {np.rad2deg(radians)} deg")
     assert metres.max() < 0.030
     assert np.rad2deg(radians.max()) < 1.4
-    placed = Rig(tuple(replace(camera, cam_from_world=rig[camera.name].cam_from_world) for camera in cameras))
-    in_reference = [off_px(placed, views), off_px(rig, openpose_views(folder, rig))]
-    print(f"next to in the reference: {in_reference[0].round(1).tolist()} px, OpenPose {in_reference[1].round(1).tolist()} px")
-    for camera in (0, 2):
-        assert all(20 < np.linalg.norm(off[camera]) < 36 for off in in_reference)
-        assert np.linalg.norm(in_reference[0][camera] - in_reference[1][camera]) < 8
-    assert np.linalg.norm(off_px(found.rig, views), axis=1).max() < 3
+    # keypoints lie on the rays of the other cameras, in the reference 20 to 35 px off
+    xy = np.where((views.score >= 0.5)[..., None], views.xy_img, np.nan)
+    off_px = np.nanmedian(off_others_px(found.rig, xy.reshape(len(rig), -1, 2)), axis=1)
+    assert np.linalg.norm(off_px, axis=1).max() < 3
 
 
 def test_one_marker_with_foreign_lenses_is_refused_by_name(shared_data: Path, reference: Rig, tmp_path: Path) -> None:

@@ -113,11 +113,10 @@ def test_networks_after_one_that_suffices_are_not_measured(installed):
     assert [one.name for one in measured_costs(["rtmo_s", "rtmo_m"], ON_CPU, until=lambda _: True)] == ["rtmo_s"]
 
 
-def test_a_smaller_network_is_one_of_the_same_family_that_is_there(tmp_path, monkeypatch):
-    monkeypatch.setenv("POSEFUSE_CACHE", str(tmp_path))
+def test_a_smaller_network_is_one_of_the_same_family_that_is_there(empty_cache: Path):
     for name, size in (("blazepose_lite", 2), ("blazepose_full", 5), ("blazepose_heavy", 9), ("rtmpose_m", 7), ("rtmpose_s", 3)):
         for card in needed_cards(name):
-            path = model_path(card, tmp_path)
+            path = model_path(card, empty_cache)
             path.parent.mkdir(exist_ok=True)
             path.write_bytes(bytes(size if card.keypoints else 100))
     assert smaller_network("blazepose_heavy") == "blazepose_full"

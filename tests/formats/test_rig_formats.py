@@ -7,6 +7,7 @@ from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
 from checks import refusal
@@ -102,22 +103,13 @@ def test_rig_files_are_named_toml(tmp_path: Path, ring_rig: Callable[..., Rig]) 
     assert not list(tmp_path.iterdir())
 
 
-def test_toml_has_what_anipose_and_pose2sim_need(tmp_path: Path, ring_rig: Callable[..., Rig]) -> None:
+def test_toml_has_what_anipose_and_pose2sim_need_and_turns_as_in_opencv(tmp_path: Path, ring_rig: Callable[..., Rig]) -> None:
     rig = ring_rig(3, distortion=(0.1, -0.05, 0.001, 0.002))
     write_rig(tmp_path / "rig.toml", rig)
     tables = tomllib.loads((tmp_path / "rig.toml").read_text())
-    assert list(tables) == ["cam00", "cam01", "cam02", "metadata"]
-    assert set(tables["cam01"]) >= {"name", "size", "matrix", "distortions", "rotation", "translation", "fisheye"}
-    assert tables["cam01"]["size"] == [640, 480]
-    assert np.shape(tables["cam01"]["rotation"]) == (3,)
-    assert set(tables["metadata"]) >= {"adjusted", "error"}
-
-
-def test_a_rotation_vector_turns_as_in_opencv(tmp_path: Path, ring_rig: Callable[..., Rig]) -> None:
-    cv2 = pytest.importorskip("cv2")
-    rig = ring_rig(3, distortion=(0.1, -0.05, 0.001, 0.002))
-    write_rig(tmp_path / "rig.toml", rig)
-    table = tomllib.loads((tmp_path / "rig.toml").read_text())["cam01"]
+    assert list(tables) == ["cam00", "cam01", "cam02", "metadata"] and set(tables["metadata"]) >= {"adjusted", "error"}
+    table = tables["cam01"]
+    assert set(table) >= {"name", "size", "fisheye"} and table["size"] == [640, 480]
     points = np.array([[0.3, -0.2, 1.1], [0.5, 0.4, 0.2]])
     parts = (np.array(table[key], float) for key in ("rotation", "translation", "matrix", "distortions"))
     seen, _ = cv2.projectPoints(points, *parts)
@@ -128,7 +120,6 @@ def test_a_rotation_vector_turns_as_in_opencv(tmp_path: Path, ring_rig: Callable
 @pytest.mark.parametrize("ending", ["yaml", "json"])
 def test_we_read_opencvs_files(tmp_path: Path, ring_rig: Callable[..., Rig], ending: str, shape: tuple[int, ...]) -> None:
     """OpenCV 5 writes vectors of one dimension as another kind of matrix."""
-    cv2 = pytest.importorskip("cv2")
     rig = ring_rig(3, distortion=(1e-5, -0.05, 1e-7, 0.002, 0.03))
     (tmp_path / "cameras").mkdir()
     for camera in rig:
@@ -150,30 +141,8 @@ def test_pose2sims_toml_and_qualisys_original_are_one_rig(shared_data: Path) -> 
         assert one.size_wh == other.size_wh
         np.testing.assert_allclose(one.K, other.K, rtol=1e-12)
         np.testing.assert_allclose(one.cam_from_world.matrix4(), other.cam_from_world.matrix4(), atol=1e-12)
-        # Pose2Sim divides the distortion by 64 as well; the board test below says which is right
+        # Pose2Sim divides the distortion by 64 as well; `test_real_chessboards_give_the_reference_lens` says which is right
         np.testing.assert_allclose(one.distortion * 64, other.distortion, rtol=1e-12)
-
-
-@pytest.mark.slow
-def test_qualisys_distortion_is_what_a_board_shows(shared_data: Path) -> None:
-    """Calibrating from photographs through the same lenses gives the file's coefficients, not a 64th of them."""
-    import cv2
-
-    folder = shared_data / "pose2sim_single" / "calibration"
-    rig = read_rig(folder / "Calib.qca.txt")
-    board = np.zeros((28, 3), np.float32)
-    board[:, :2] = np.mgrid[0:7, 0:4].T.reshape(-1, 2) * 0.06
-    for name in ("cam02", "cam03", "cam04"):
-        corners = []
-        for path in sorted((folder / "intrinsics" / f"int_{name}_img").glob("*.jpg")):
-            found, xy = cv2.findChessboardCornersSB(cv2.imread(str(path), 0), (7, 4), flags=cv2.CALIB_CB_EXHAUSTIVE)
-            corners += [xy] if found else []
-        flags = cv2.CALIB_USE_INTRINSIC_GUESS | cv2.CALIB_FIX_K3 | cv2.CALIB_FIX_PRINCIPAL_POINT
-        _, _, lens, _, _ = cv2.calibrateCamera(
-            [board] * len(corners), corners, rig[name].size_wh, rig[name].K.copy(), np.zeros(4), flags=flags
-        )
-        np.testing.assert_allclose(lens.ravel()[0], rig[name].distortion[0], atol=0.01)
-        np.testing.assert_allclose(lens.ravel()[1], rig[name].distortion[1], atol=0.03)
 
 
 @pytest.mark.parametrize("path", sorted(GOLDEN.glob("rig*")) + [GOLDEN / "camera_array.toml"], ids=lambda path: path.name)
@@ -196,9 +165,7 @@ BENT = [[1.0, 0.01, 0], [0, 1.0, 0], [0, 0, 1.0]]
         ("rig.toml", "size = [640, 480]", "", r"camera cam00: size is missing; there are: name, matrix"),
         ("rig.toml", "size = [640, 480]", "size = [640.5, 480]", r"camera cam00: size: expected whole px, got 640.5 x 480"),
         ("rig.toml", "size = [640, 480]", "size = [640]", r"camera cam00: size: expected 2 numbers, got shape \(1,\)"),
-        ("rig.toml", "size = [640, 480]", "size = [0, 480]", r"camera cam00: .* image size of at least 1x1 px, got 0x480"),
         ("rig.toml", "576.0", "nan", r"camera cam00: matrix: expected finite numbers, got NaN"),
-        ("rig.toml", "576.0", "-576.0", r"camera cam00: K: expected .* fx, fy > 0"),
         ("rig.toml", "576.0", '"a"', r"camera cam00: matrix: expected numbers"),
         ("rig.toml", "[0.0, 0.0, 1.0]]", "[0.0, 0.0]]", r"camera cam00: matrix: expected numbers"),
         ("rig.toml", "distortions = [0.1, ", "distortions = [", r"\(pinhole\): .* 4, 5, 8, 12, 14 coefficients, got 3"),
@@ -314,9 +281,7 @@ def test_a_world_that_does_not_stand_upright_is_named(turn: list[float], axis: s
     assert f"up in the images is {axis} of the world; expected Z" in line
 
 
-def test_a_principal_point_outside_of_the_image_is_a_cropped_sensor_where_the_file_states_it(
-    tmp_path: Path, ring_rig: Callable[..., Rig]
-) -> None:
+def test_a_principal_point_outside_of_the_image_must_be_stated(tmp_path: Path, ring_rig: Callable[..., Rig]) -> None:
     cropped = ring_rig(2).cameras[0].cropped(350, 0, (200, 480))
     assert cropped.K[0, 2] < 0
     path = tmp_path / "rig.toml"

@@ -69,9 +69,7 @@ def test_the_mark_states_the_command_and_differs_between_no_two_folders(tmp_path
 
 
 @pytest.mark.parametrize("problem", [ValueError, KeyboardInterrupt])
-def test_a_failed_run_keeps_the_old_result_and_a_file_that_fails_the_old_file(
-    tmp_path: Path, problem: type[BaseException]
-) -> None:
+def test_what_fails_keeps_the_old_result_and_the_old_file(tmp_path: Path, problem: type[BaseException]) -> None:
     path = tmp_path / "result"
     make(path)
     (tmp_path / "a.txt").write_text("old")
@@ -239,9 +237,7 @@ def rename_as(monkeypatch: pytest.MonkeyPatch, before: Callable[[Path], None]) -
     monkeypatch.setattr(Path, "rename", lambda self, target: (before(self), rename(self, target))[1])
 
 
-def test_a_file_added_to_a_result_during_its_replacement_is_kept_and_reported(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_file_added_during_a_replacement_is_kept_and_reported(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     path = tmp_path / "result"
     make(path)
     rename_as(monkeypatch, lambda moved: (path / "late.txt").write_text("the user's") if moved == path else None)
@@ -252,9 +248,7 @@ def test_a_file_added_to_a_result_during_its_replacement_is_kept_and_reported(
     assert (path / "recording.json").read_text() == "two"
 
 
-def test_the_old_result_is_restored_when_the_new_one_cannot_be_moved_there(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_the_old_result_comes_back_when_the_new_cannot_be_moved(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     path = tmp_path / "result"
     make(path)
     before = tree(path)
@@ -279,9 +273,7 @@ def test_folders_and_files_have_the_permissions_of_the_users_others(tmp_path: Pa
 
 
 @pytest.mark.parametrize("number", [errno.ENOSPC, errno.EDQUOT, errno.EFBIG])
-def test_a_disk_that_becomes_full_is_one_line_and_what_was_finished_is_kept(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, number: int
-) -> None:
+def test_a_disk_that_fills_keeps_what_was_finished(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, number: int) -> None:
     make(tmp_path / "result")
     with pytest.raises(DiskFullError) as caught, output_folder(tmp_path / "result", command="track", replace=True) as out:
         (out.folder / "first").write_text("hours of work")

@@ -90,9 +90,7 @@ def test_cameras_are_listed_by_what_opens_them(monkeypatch: pytest.MonkeyPatch) 
     assert platform.usb_cameras() == {"@device_pnp_1": "Front camera"}
 
 
-def test_a_camera_of_linux_is_listed_once_by_the_node_that_has_its_images(
-    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
-) -> None:
+def test_a_camera_of_linux_is_listed_by_the_node_of_its_images(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     dev, v4l = tmp_path / "dev", tmp_path / "sys"
     dev.mkdir()
     for node, index in (("video0", "0"), ("video1", "1"), ("video2", "")):

@@ -115,7 +115,7 @@ def _variants(
     folder: Path, variants: int, kinds: Sequence[str], commands: bool, first: int
 ) -> Iterator[tuple[str, int, str, Path, str, float]]:
     for kind in (kind for kind in EXAMPLES if kind in kinds):
-        example, is_command = EXAMPLES[kind], kind.startswith(("track", "solve", "compare", "report", "export"))
+        example, is_command = EXAMPLES[kind], EXAMPLES[kind].read is None
         if is_command and not commands:
             continue
         sound = folder / "sound"

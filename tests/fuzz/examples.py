@@ -2,26 +2,37 @@
 
 from __future__ import annotations
 
+import hashlib
 import shutil
 import sys
 import tarfile
 import zipfile
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import cv2
 import numpy as np
 
+from posefuse.calibration.extrinsics.world import read_floor_points
 from posefuse.core.skeleton import BODY_25
+from posefuse.detection.card import read_card
+from posefuse.detection.files import fetch
+from posefuse.evaluation.tracks import read_tracks
 from posefuse.formats.bvh import BvhData, write_bvh
-from posefuse.formats.c3d import C3dData, write_c3d
-from posefuse.formats.mot import MotTable, write_mot
+from posefuse.formats.c3d import C3dData, read_c3d, write_c3d
+from posefuse.formats.mot import MotTable, read_mot, write_mot
+from posefuse.formats.pose2d import read_openpose_folder, read_pose2d
 from posefuse.formats.recording import read_recording, write_recording
 from posefuse.formats.rig import read_rig, write_rig
-from posefuse.formats.trc import TrcData, write_trc
+from posefuse.formats.trc import TrcData, read_trc, write_trc
+from posefuse.formats.truth import read_truth
 from posefuse.formats.video import VideoWriter
+from posefuse.pipeline.config import read_config
+from posefuse.sources import ImagesConfig, VideoConfig
 from posefuse.tracking.stand_in import made_up_person
+from posefuse_sim.motion.bvh import read_bvh
+from posefuse_sim.scene import read_scene
 
 ROOT = Path(__file__).resolve().parents[2]
 # the writers of other tools' formats that their own tests use
@@ -38,10 +49,11 @@ NAMES = ("left_shoulder", "right_shoulder", "left_hip", "right_hip", "left_knee"
 
 @dataclass(frozen=True)
 class Example:
-    """A valid folder and the file in it that is damaged. `make` fills a folder."""
+    """A valid folder and the file in it that is damaged: `make` fills the folder, `read` reads the file; None: a command does."""
 
     file: str
     make: Callable[[Path], object]
+    read: Callable[[Path], object] | None = None
 
 
 # points that move: (T,) seconds and (T, K, 3) metres
@@ -50,8 +62,8 @@ _START = np.array([[0, 0.2, 1.4], [0, -0.2, 1.4], [0, 0.15, 0.9], [0, -0.15, 0.9
 XYZ = _START + np.sin(3 * T_S[:, None, None] + np.arange(15).reshape(5, 3)) * 0.2 + T_S[:, None, None] * [1.0, 0, 0]
 
 
-def _copied(source: Path) -> Callable[[Path], object]:
-    return lambda folder: shutil.copyfile(source, folder / source.name)
+def _copied(source: Path, read: Callable[[Path], object]) -> Example:
+    return Example(source.name, lambda folder: shutil.copyfile(source, folder / source.name), read)
 
 
 def _trc(folder: Path, name: str = "a.trc") -> None:
@@ -167,39 +179,72 @@ def _mcap(folder: Path) -> None:
     shutil.rmtree(inside)
 
 
-CARDS = ROOT / "src" / "posefuse" / "detection" / "cards"
+def _read_frames(source: VideoConfig | ImagesConfig) -> None:
+    opened = source.build()
+    opened.times_ns()
+    list(opened.frames())
+
+
+def _read_images(path: Path) -> None:
+    _read_frames(ImagesConfig(path.parent, "cam", rate_hz=30.0))
+
+
+def _read_result(path: Path) -> None:
+    read_recording(path.parent)
+
+
+def _read_pose2d(path: Path) -> None:
+    read_pose2d(path, "cam").frame(0, 0)
+
+
+def _read_openpose(path: Path) -> None:
+    list(read_openpose_folder(path.parent, "cam00").frames(30.0))
+
+
+def _fetched(card: str) -> Callable[[Path], object]:
+    made = {"size_bytes": len(NETWORK), "sha256": hashlib.sha256(NETWORK).hexdigest()}
+    return lambda archive: fetch(replace(read_card(card), **made), archive.parent / "cache", archive)
+
+
+def _read_mcap(path: Path) -> None:
+    from posefuse_ros import bags
+
+    bags.read_rig(path)
+    list(bags.read_mcap(path))
+
+
 EXAMPLES: dict[str, Example] = {
-    "rig TOML": Example("rig.toml", _copied(GOLDEN / "rig.toml")),
-    "rig caliscope": Example("camera_array.toml", _copied(GOLDEN / "camera_array.toml")),
-    "rig Qualisys": Example("rig.qca.txt", _copied(GOLDEN / "rig.qca.txt")),
-    "rig OpenCV YAML": Example("rig.yaml", _copied(GOLDEN / "rig.yaml")),
-    "rig OpenCV JSON": Example("rig.json", _copied(GOLDEN / "rig.json")),
-    "rig ROS": Example("cam_0.yaml", _copied(GOLDEN / "rig_ros" / "cam_0.yaml")),
-    "scene YAML": Example("scene.yaml", _copied(DEMO / "scene.yaml")),
-    "posefuse.toml": Example("posefuse.toml", openpose_session),
-    "floor points TOML": Example("a.toml", _floor),
-    "model card TOML": Example("blazepose_full.toml", _copied(CARDS / "blazepose_full.toml")),
-    "TRC": Example("a.trc", _trc),
-    "C3D": Example("a.c3d", _c3d),
-    "BVH": Example("a.bvh", _bvh),
-    "MOT": Example("a.mot", _mot),
-    "CSV wide": Example("a.csv", _wide_csv),
-    "CSV long": Example("a.csv", _long_csv),
-    "MVNX": Example("a.mvnx", _mvnx),
-    "recording.npz": Example("recording.npz", _recording),
-    "recording.json": Example("recording.json", _recording),
-    "truth.npz": Example("truth.npz", _copied(DEMO / "truth" / "truth.npz")),
-    "MP4": Example("a.mp4", _video),
-    "image": Example("002.jpg", _images),
-    "timestamps.csv": Example("timestamps.csv", _images),
-    "OpenPose JSON": Example("pose2d/cam00_json/cam_000000000002_keypoints.json", openpose_session),
-    "AlphaPose JSON": Example("alphapose-results.json", WRITERS["alphapose"][0]),
-    "COCO JSON": Example("results.json", WRITERS["coco"][0]),
-    "MMPose JSON": Example("cam.json", WRITERS["mmpose"][0]),
-    "DeepLabCut CSV": Example("camDLC.csv", WRITERS["deeplabcut"][0]),
-    "wheel": Example("mediapipe-0.10.21-x.whl", _wheel),
-    "npm package": Example("mediapipe-pose-0.5.1675469404.tgz", _npm),
-    "MCAP": Example("a.mcap", _mcap),
+    "rig TOML": _copied(GOLDEN / "rig.toml", read_rig),
+    "rig caliscope": _copied(GOLDEN / "camera_array.toml", read_rig),
+    "rig Qualisys": _copied(GOLDEN / "rig.qca.txt", read_rig),
+    "rig OpenCV YAML": _copied(GOLDEN / "rig.yaml", read_rig),
+    "rig OpenCV JSON": _copied(GOLDEN / "rig.json", read_rig),
+    "rig ROS": _copied(GOLDEN / "rig_ros" / "cam_0.yaml", read_rig),
+    "scene YAML": _copied(DEMO / "scene.yaml", read_scene),
+    "posefuse.toml": Example("posefuse.toml", openpose_session, read_config),
+    "floor points TOML": Example("a.toml", _floor, read_floor_points),
+    "model card TOML": _copied(ROOT / "src" / "posefuse" / "detection" / "cards" / "blazepose_full.toml", read_card),
+    "TRC": Example("a.trc", _trc, read_trc),
+    "C3D": Example("a.c3d", _c3d, read_c3d),
+    "BVH": Example("a.bvh", _bvh, lambda path: read_bvh(path).world()),
+    "MOT": Example("a.mot", _mot, read_mot),
+    "CSV wide": Example("a.csv", _wide_csv, read_tracks),
+    "CSV long": Example("a.csv", _long_csv, read_tracks),
+    "MVNX": Example("a.mvnx", _mvnx, read_tracks),
+    "recording.npz": Example("recording.npz", _recording, _read_result),
+    "recording.json": Example("recording.json", _recording, _read_result),
+    "truth.npz": _copied(DEMO / "truth" / "truth.npz", read_truth),
+    "MP4": Example("a.mp4", _video, lambda path: _read_frames(VideoConfig(path, "cam"))),
+    "image": Example("002.jpg", _images, _read_images),
+    "timestamps.csv": Example("timestamps.csv", _images, _read_images),
+    "OpenPose JSON": Example("pose2d/cam00_json/cam_000000000002_keypoints.json", openpose_session, _read_openpose),
+    "AlphaPose JSON": Example("alphapose-results.json", WRITERS["alphapose"][0], _read_pose2d),
+    "COCO JSON": Example("results.json", WRITERS["coco"][0], _read_pose2d),
+    "MMPose JSON": Example("cam.json", WRITERS["mmpose"][0], _read_pose2d),
+    "DeepLabCut CSV": Example("camDLC.csv", WRITERS["deeplabcut"][0], _read_pose2d),
+    "wheel": Example("mediapipe-0.10.21-x.whl", _wheel, _fetched("blazepose_full")),
+    "npm package": Example("mediapipe-pose-0.5.1675469404.tgz", _npm, _fetched("blazepose_heavy")),
+    "MCAP": Example("a.mcap", _mcap, _read_mcap),
     "compare TRC": Example("a.trc", _compared(_trc)),
     "compare C3D": Example("a.c3d", _compared(_c3d)),
     "compare CSV": Example("a.csv", _compared(_wide_csv)),

@@ -69,9 +69,7 @@ def test_a_long_recording_is_looked_at_without_a_copy_of_it(walk: Walk) -> None:
 
 @pytest.mark.parametrize("seconds", [1.7, 14.0])
 @pytest.mark.parametrize("degrees", [3.0, 10.0])
-def test_a_camera_that_was_turned_before_is_named_though_its_views_were_all_left_out(
-    walk: Walk, degrees: float, seconds: float
-) -> None:
+def test_a_camera_turned_before_is_named_though_its_views_were_left_out(walk: Walk, degrees: float, seconds: float) -> None:
     rig, t_s, xyz, xy = walk
     wrong, some = turned(rig, 1, np.deg2rad(degrees) * np.array([0.6, 0.8, 0])), slice(0, round(20 * seconds))
     fits, found = checked_rig(recording_of(wrong, xyz[some], xy[some], t_s[some], [1]), wrong)

@@ -60,9 +60,7 @@ def simcc_detector(**changes: object) -> TopDownDetector:
 
 @pytest.mark.slow
 @pytest.mark.gl
-def test_fitted_noise_is_right_in_2d_and_3d(
-    models: None, demo_session: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_fitted_noise_is_right(models: None, demo_session: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Fitted to rendered people, judged by people left out, and by the pose of another one."""
     detector = simcc_detector()
     scenes = [collect(folder, detector, seed=i) for i, folder in enumerate(render_everyday(tmp_path / "scenes", 4, silent))]
