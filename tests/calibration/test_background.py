@@ -163,13 +163,9 @@ def test_cameras_that_turn_refuse_a_calibration_that_fits(lab: Any, tmp_path: Pa
             for t_ns in drawn.times_ns()[::4].tolist():
                 video.write(next(drawn.frames_from(t_ns)).image, t_ns)
     seen = lab.watch(motion=dataclasses.replace(lab.motion, seconds=2.0))
-    fits = moving_target.Calibration(
-        rig=lab.rig,
-        report=CalibrationReport("extrinsics", (Check("corners fit", True, "all"),)),
-        coverage=coverage(seen),
-        position_cov_m2=np.zeros((4, 3, 3)),
-        clocks=ClockEstimate.known(np.zeros(4), 0.0),
-    )
+    known = {"position_cov_m2": np.zeros((4, 3, 3)), "clocks": ClockEstimate.known(np.zeros(4), 0.0)}
+    report = CalibrationReport("extrinsics", (Check("corners fit", True, "all"),))
+    fits = moving_target.Calibration(rig=lab.rig, report=report, coverage=coverage(seen), **known)
     monkeypatch.setattr(moving_target, "calibrate_extrinsics", lambda *_: fits)
     arguments = {"intrinsics": lab.rig, "target": lab.target}
     assert not pf.calibrate_extrinsics(seen, **arguments).report.failed

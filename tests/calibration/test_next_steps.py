@@ -122,8 +122,7 @@ def test_every_printed_command_runs_as_printed_and_keeps_what_was_asked_for(room
         room.refusal = None
         if typed[0] == "record" or typed[1] == "guide":
             if command not in ran:
-                found = parse(typed)
-                assert found is not None and found.run(Terminal(as_json=True))["exit_code"] == 0
+                assert parse(typed).run(Terminal(as_json=True))["exit_code"] == 0
                 ran.add(command)
             continue
         with pytest.raises(ArrivedError):
@@ -137,10 +136,8 @@ def test_every_printed_command_runs_as_printed_and_keeps_what_was_asked_for(room
 
 
 def test_clocks_that_were_estimated_already_are_not_advised_again() -> None:
-    parsed = parse(
-        ["calibrate", "person", "walk", "--intrinsics", "l.toml", "--clocks", "offset", "--height-m", "1.8", "--out", "r.toml"]
-    )
-    assert parsed is not None
+    line = "calibrate person walk --intrinsics l.toml --clocks offset --height-m 1.8 --out r.toml"
+    parsed = parse(line.split())
     asked = Asked(step="person", inputs=("walk",), options=parsed.bound.arguments["options"])
     for kind, words in (("clocks", "posefuse record"), ("drift", "--height-m 1.8 --clocks drift")):
         report = CalibrationReport("person", (Check("clocks", False, "differ", kind=kind),))

@@ -207,10 +207,8 @@ def frames_of(camera: Camera, people: Sequence[np.ndarray], seed: int) -> list[D
 def all_watched(rig: Rig, who: Sequence[Sequence[int]]) -> dict[str, list[Detections2D]]:
     """Which of the two people each camera sees."""
     both = walks()
-    return {
-        camera.name: frames_of(camera, [both[p] for p in people], seed=c)
-        for c, (camera, people) in enumerate(zip(rig, who, strict=True))
-    }
+    seen = enumerate(zip(rig, who, strict=True))
+    return {camera.name: frames_of(camera, [both[p] for p in people], seed=c) for c, (camera, people) in seen}
 
 
 def followed(rig: Rig, chosen: ChosenPerson) -> list[int]:

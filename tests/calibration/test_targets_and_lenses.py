@@ -12,7 +12,7 @@ from typing import Any
 import cv2
 import numpy as np
 import pytest
-from calibrating import differences, run
+from calibrating import differences, marker_page, run
 from checks import refusal
 
 from bench.faults.waved_props import Faults, Waving, board, observe_prop
@@ -46,14 +46,12 @@ Watched = tuple[Rig, CornerObservations]
 MOTION = Waving(seconds=30, rate_hz=5, centre_m=(0, 0, 1.0), reach_m=(0.5, 0.45, 0.25), seed=3)
 
 
-def picture(target: Charuco, px_per_m: float, path: Path) -> np.ndarray:
-    """The printed page as a picture, by a renderer of its own."""
-    write_pdf(path / "board.pdf", board_sheets(target, "a3"))
-    dpi = round(px_per_m * 0.0254)
-    subprocess.run(
-        ["pdftoppm", "-r", str(dpi), "-png", "-gray", str(path / "board.pdf"), str(path / "board")], check=True, timeout=120
-    )
-    return cv2.imread(str(next(path.glob("board*.png"))), cv2.IMREAD_GRAYSCALE)
+def pages(sheets: list[Sheet], dpi: int, folder: Path) -> list[np.ndarray]:
+    """The printed pages as grey pictures, by a renderer of its own."""
+    write_pdf(folder / "printed.pdf", sheets)
+    words = ["pdftoppm", "-r", str(dpi), "-png", "-gray", str(folder / "printed.pdf"), str(folder / "page")]
+    subprocess.run(words, check=True, timeout=120)
+    return [cv2.imread(str(path), cv2.IMREAD_GRAYSCALE) for path in sorted(folder.glob("page*.png"))]
 
 
 needs_poppler = pytest.mark.skipif(shutil.which("pdftoppm") is None, reason="pdftoppm (poppler-utils) is not on this machine")
@@ -74,7 +72,8 @@ def assert_printed_true(xy_img: np.ndarray, xyz: np.ndarray, atol: float) -> Non
 
 @needs_poppler
 def test_a_printed_charuco_board_has_its_true_size_and_the_printed_side_up(tmp_path: Path) -> None:
-    found = TargetDetector(BOARD).detect(picture(BOARD, 5000, tmp_path))
+    [page] = pages(board_sheets(BOARD, "a3"), 127, tmp_path)
+    found = TargetDetector(BOARD).detect(page)
     xyz = BOARD.corners(0)[found.corner]
     assert len(xyz) == len(BOARD.corners(0))
     assert_printed_true(found.xy_img, xyz, atol=0.6)
@@ -82,14 +81,9 @@ def test_a_printed_charuco_board_has_its_true_size_and_the_printed_side_up(tmp_p
 
 @needs_poppler
 def test_printed_cube_faces_carry_six_ids_of_true_size(tmp_path: Path) -> None:
-    target = Markers(0.12)
-    write_pdf(tmp_path / "cube.pdf", cube_sheets(target))
-    subprocess.run(
-        ["pdftoppm", "-r", "127", "-png", "-gray", str(tmp_path / "cube.pdf"), str(tmp_path / "face")], check=True, timeout=120
-    )
     ids = []
-    for page in sorted(tmp_path.glob("face*.png")):
-        [(i, quad)] = markers_by_opencv(cv2.imread(str(page), cv2.IMREAD_GRAYSCALE)).items()
+    for page in pages(cube_sheets(Markers(0.12)), 127, tmp_path):
+        [(i, quad)] = markers_by_opencv(page).items()
         ids.append(i)
         assert np.linalg.norm(quad[1] - quad[0]) == pytest.approx(0.12 * 5000, abs=1.0)
         assert quad[1, 0] > quad[0, 0]
@@ -97,8 +91,8 @@ def test_printed_cube_faces_carry_six_ids_of_true_size(tmp_path: Path) -> None:
 
 
 def test_a_target_that_does_not_fit_the_page_is_refused() -> None:
-    with pytest.raises(ConfigError, match=r"page a4: a drawing of 250 x 350 mm, .* does not fit.*page \(a3, a2, a1, a0\)"):
-        board_sheets(BOARD, "a4")
+    words = r"page a4: a drawing of 250 x 350 mm, .* does not fit.*page \(a3, a2, a1, a0\)"
+    refusal(ConfigError, words, board_sheets, BOARD, "a4")
     refusal(ConfigError, "there are: DICT_4X4_100", Markers, 0.1, "DICT_9X9")
 
 
@@ -120,11 +114,8 @@ def test_a_target_that_is_not_found_is_explained() -> None:
 
 
 def test_the_same_id_twice_in_an_image_counts_for_nothing() -> None:
-    marker = cv2.aruco.generateImageMarker(cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_4X4_50), 7, 120)
-    page = np.full((300, 500), 255, np.uint8)
-    page[60:180, 60:180] = marker
-    page[100:220, 300:420] = marker
-    found = TargetDetector(Markers(0.1)).detect(page)
+    page = marker_page(7)[..., 0]
+    found = TargetDetector(Markers(0.1)).detect(np.hstack([page, page]))
     assert len(found.xy_img) == 0
     assert found.doubled == (7,)
 

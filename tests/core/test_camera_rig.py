@@ -9,13 +9,8 @@ from checks import refusal
 from posefuse.core import SE3, CalibrationError, Camera, Rig
 
 K = np.array([[500.0, 0, 319.5], [0, 510.0, 239.5], [0, 0, 1]])
-CAMERA = Camera(
-    name="a",
-    size_wh=(640, 480),
-    K=K,
-    cam_from_world=SE3.from_rotvec([0.1, -0.3, 0.2], [0.2, -0.1, 4.0]),
-    distortion=np.array([-0.1, 0.02, 0.001, 0.0]),
-)
+POSE, LENS = SE3.from_rotvec([0.1, -0.3, 0.2], [0.2, -0.1, 4.0]), np.array([-0.1, 0.02, 0.001, 0.0])
+CAMERA = Camera(name="a", size_wh=(640, 480), K=K, cam_from_world=POSE, distortion=LENS)
 POINTS = np.random.default_rng(3).uniform(-0.7, 0.7, (5, 2, 3))
 
 

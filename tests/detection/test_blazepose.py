@@ -98,11 +98,8 @@ def seen_in_the_mirror(detector, frame, there):
     """Px (K, 2) and sigma (K,) of the first person that the detector finds in the mirrored image, mirrored back."""
     width = frame.image.shape[1]
     mirrored = built.frame(CAMERA, image=np.ascontiguousarray(frame.image[:, ::-1]))
-    region = Region(
-        centre_img=np.array([width - 1 - there.centre_img[0], there.centre_img[1]]),
-        side_px=there.side_px,
-        angle_rad=-there.angle_rad,
-    )
+    centre = np.array([width - 1 - there.centre_img[0], there.centre_img[1]])
+    region = Region(centre_img=centre, side_px=there.side_px, angle_rad=-there.angle_rad)
     (found,) = detector.detect([mirrored], [[region]])
     mirror = detector.skeleton.mirror
     return found.xy_img[0][mirror] * [-1, 1] + [width - 1, 0], found.sigma_px[0][mirror]

@@ -65,10 +65,15 @@ def test_a_file_written_in_parts_is_the_same(tmp_path: Path, frames: int, monkey
         monkeypatch.setattr(c3d, "_PART_FRAMES", most)
         write_c3d(tmp_path / name, data)
     assert (tmp_path / "parts.c3d").read_bytes() == (tmp_path / "once.c3d").read_bytes()
-    # with the frames counted and written by us, the library reads what we read
-    file = ezc3d.c3d(str(tmp_path / "once.c3d"))
-    assert file["data"]["points"].shape == (4, 3, frames)
-    blocks_like_the_library(tmp_path / "once.c3d")
+    # with the frames counted and written by us, it is the file that the library writes; it reads 65,535 frames and no more
+    file = c3d._described(data, ["a", "b", "c"], max(0.1, 1000 * float(data.sigma_m.max()) / 255))
+    values = np.concatenate([1000 * xyz, np.degrees(data.angle_rad)], axis=1)
+    residual_mm = np.concatenate([1000 * data.sigma_m, np.zeros((frames, 1))], axis=1)
+    residual_mm[~np.isfinite(values).all(axis=-1)] = -1
+    file["data"]["points"] = np.concatenate([values.transpose(2, 1, 0), np.ones((1, 3, frames))])
+    file["data"]["meta_points"] = {"residuals": residual_mm.T[None], "camera_masks": np.zeros((7, 3, frames), bool)}
+    file.write(str(tmp_path / "library.c3d"))
+    assert (tmp_path / "once.c3d").read_bytes() == (tmp_path / "library.c3d").read_bytes()
 
 
 @pytest.mark.parametrize("count", [3, 300])

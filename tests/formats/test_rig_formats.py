@@ -47,17 +47,9 @@ def rigs(draw: st.DrawFn) -> Rig:
         K = np.array([[fx, rng.normal(), rng.uniform(100, 900)], [0, fx * rng.uniform(0.7, 1.4), 377.7], [0, 0, 1]])
         pose = SE3(rng.normal(size=4), rng.normal(size=3) * 5)
         lens = rng.normal(size=count) * 0.02
-        cameras.append(
-            Camera(
-                name=f"cam_{i}",
-                size_wh=(1280, 720 + i),
-                K=K,
-                cam_from_world=pose,
-                distortion=lens,
-                model="fisheye" if is_fisheye else "pinhole",
-                readout_s=draw(st.sampled_from([0.0, 0.0123])),
-            )
-        )
+        sensor = {"size_wh": (1280, 720 + i), "readout_s": draw(st.sampled_from([0.0, 0.0123]))}
+        model = "fisheye" if is_fisheye else "pinhole"
+        cameras.append(Camera(name=f"cam_{i}", K=K, cam_from_world=pose, distortion=lens, model=model, **sensor))
     residual_px, refused = draw(st.sampled_from([float("nan"), 0.375])), draw(st.sampled_from(["", "halves agree"]))
     return Rig(tuple(cameras), world_set_by='a test: "quoted"', residual_px=residual_px, refused=refused)
 

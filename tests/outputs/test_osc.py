@@ -1,3 +1,4 @@
+import contextlib
 import json
 import socket
 import struct
@@ -110,11 +111,18 @@ def test_json_leaves_out_what_is_missing(standing, some_joints):
     assert (content["person"], content["t_ns"], content["angles_rad"]) == (1, 5_000_000_000, {})
 
 
-def test_json_carries_the_names_that_people_are_given_while_the_session_runs(standing):
+@contextlib.contextmanager
+def listening():
+    """A socket that listens, and its address."""
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as listener:
         listener.bind(("127.0.0.1", 0))
         listener.settimeout(5)
-        config = JsonConfig(to=(f"127.0.0.1:{listener.getsockname()[1]}",))
+        yield listener, f"127.0.0.1:{listener.getsockname()[1]}"
+
+
+def test_json_carries_the_names_that_people_are_given_while_the_session_runs(standing):
+    with listening() as (listener, address):
+        config = JsonConfig(to=(address,))
         output, pose = config.build(), LivePose(pose=standing())
         start, given = replace(made_up_start(1), names=("Ada", "Ben")), LiveNames(t_ns=0, names={1: "Grace"})
         assert isinstance(given, config.takes)
@@ -125,13 +133,9 @@ def test_json_carries_the_names_that_people_are_given_while_the_session_runs(sta
 
 
 def test_datagrams_reach_every_listener_and_absent_ones_do_no_harm(standing):
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as one, socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as two:
-        for listener in (one, two):
-            listener.bind(("127.0.0.1", 0))
-            listener.settimeout(5)
-        addresses = [f"127.0.0.1:{listener.getsockname()[1]}" for listener in (one, two)]
+    with listening() as (one, first), listening() as (two, second):
         datagrams = json_from_pose(standing(), None, "z_up")
-        with UdpStream([*addresses, "127.0.0.1:9"]) as stream:
+        with UdpStream([first, second, "127.0.0.1:9"]) as stream:
             for _ in range(50):
                 stream.send(datagrams)
             assert stream.sent == 150

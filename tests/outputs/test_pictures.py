@@ -54,21 +54,18 @@ def film(path: Path) -> list[av.VideoFrame]:
         return list(container.decode(video=0))
 
 
-def test_the_video_has_every_time_step_at_its_time(tmp_path: Path, make_recording: Make, grey_frames: Frames) -> None:
+def test_the_video_has_every_time_step_at_its_time_and_tiles_of_every_camera(
+    tmp_path: Path, make_recording: Make, grey_frames: Frames
+) -> None:
     recording = make_recording(cameras=3)
     [path] = write_outputs([OverlaySink(width_px=640, height_px=480).build()], recording, tmp_path, grey_frames(recording))
+    assert list(tmp_path.iterdir()) == [path]
     frames = film(path)
     assert [round(frame.time * 1e9) for frame in frames] == (recording.poses.t_ns - recording.poses.t_ns[0]).tolist()
     with av.open(str(path)) as container:
         codec = container.streams.video[0].codec_context
         assert (codec.name, codec.pix_fmt) == ("h264", "yuv420p")
-    assert list(tmp_path.iterdir()) == [path]
-
-
-def test_tiles_show_their_own_camera_and_missing_frames(tmp_path: Path, make_recording: Make, grey_frames: Frames) -> None:
-    recording = make_recording(cameras=3)
-    write_outputs([OverlaySink(width_px=640, height_px=480)], recording, tmp_path, grey_frames(recording))
-    first, second = (frame.to_ndarray(format="rgb24") for frame in film(tmp_path / "overlay.mp4")[:2])
+    first, second = (frame.to_ndarray(format="rgb24") for frame in frames[:2])
     grid = grid_for([camera.size_wh for camera in recording.rig], (640, 480))
     for c in range(3):
         left, top = grid.corner(c)
@@ -76,6 +73,11 @@ def test_tiles_show_their_own_camera_and_missing_frames(tmp_path: Path, make_rec
         np.testing.assert_allclose(first[corner].mean(), 100 + c, atol=6)
     # camera 0 has no frame at time step 1
     assert second[grid.tile_wh[1] - 12 : grid.tile_wh[1] - 2, 2:12].mean() < 60
+
+
+def black(recording: Recording) -> np.ndarray:
+    """An image of its cameras."""
+    return np.zeros((*recording.rig.cameras[0].size_wh[::-1], 3), np.uint8)
 
 
 def unseen(recording: Recording) -> Recording:
@@ -87,8 +89,7 @@ def test_the_skeleton_lies_where_the_camera_projects_it(make_recording: Make) ->
     camera = recording.rig.cameras[1]
     for factor in (1, 2):
         tile_wh = (camera.size_wh[0] // factor, camera.size_wh[1] // factor)
-        image = np.zeros((camera.size_wh[1], camera.size_wh[0], 3), np.uint8)
-        tile = view_tile(unseen(recording), 0, 1, image, tile_wh)
+        tile = view_tile(unseen(recording), 0, 1, black(recording), tile_wh)
         for keypoint, colour in (("left_hip", LEFT.image_rgb), ("right_shoulder", RIGHT.image_rgb), ("nose", MIDDLE.image_rgb)):
             xyz = recording.poses.xyz_world[0, 0, recording.poses.skeleton.index(keypoint)]
             x, y = np.round((camera.project(xyz) + 0.5) / factor - 0.5).astype(int)
@@ -109,8 +110,7 @@ def test_a_view_is_drawn_into_its_part_of_a_larger_image(make_recording: Make) -
 
 def test_raw_detections_and_gaps_are_marked(make_recording: Make) -> None:
     recording = make_recording(cameras=3)
-    size = recording.rig.cameras[0].size_wh
-    image = np.zeros((size[1], size[0], 3), np.uint8)
+    size, image = recording.rig.cameras[0].size_wh, black(recording)
     moved = replace(recording, observations=replace(recording.observations, xy_img=recording.observations.xy_img + 40))
     tile = view_tile(moved, 0, 0, image, size)
     x, y = np.round(moved.views.xy_img[0, 0, 0, 3]).astype(int)
@@ -125,11 +125,10 @@ def test_raw_detections_and_gaps_are_marked(make_recording: Make) -> None:
 
 def test_only_where_every_image_was_looked_at_is_a_missing_person_named(make_recording: Make) -> None:
     recording = make_recording(cameras=3)
-    size = recording.rig.cameras[0].size_wh
     log = recording.observations.only(np.zeros(len(recording.observations.frame_step), bool))
     live = replace(log, step_t_ns=log.step_t_ns[:0])
     for observations, least, most in ((log, 101, np.inf), (live, 0, 0)):
-        tile = view_tile(replace(recording, observations=observations), 0, 0, np.zeros((*size[::-1], 3), np.uint8), size)
+        tile = view_tile(replace(recording, observations=observations), 0, 0, black(recording), (640, 480))
         assert least <= (tile[25:45, :200, 0] > 100).sum() <= most
 
 
@@ -265,10 +264,9 @@ def test_a_video_that_cannot_be_written_is_reported_and_removed(
 
 def test_frames_find_their_time_step(make_recording: Make) -> None:
     recording = make_recording(times=4, cameras=2)
-    t_ns = recording.poses.t_ns.tolist()
-    marks = [("early",), ("first",), ("third",), ("late",)]
+    t_ns = recording.poses.t_ns
     times = [t_ns[0] - 30_000_000, t_ns[0] + 5_000_000, t_ns[2] - 15_000_000, t_ns[3] + 25_000_000]
-    got = dict(every_time_step(recording, zip(times, marks, strict=True)))
+    got = dict(every_time_step(recording, zip(times, [("early",), ("first",), ("third",), ("late",)], strict=True)))
     assert got == {0: ("first",), 1: (None, None), 2: ("third",), 3: (None, None)}
 
 
