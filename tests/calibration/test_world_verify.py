@@ -53,9 +53,9 @@ def test_a_tile_face_down_puts_cameras_below_the_floor_and_is_refused(lab: Any) 
 
 def test_a_tile_that_no_person_sees_or_that_moves_is_refused(lab: Any) -> None:
     seen = tile_views(lab.rig, SE3.identity())
-    refusal(CalibrationError, r"target 41: no camera sees it; seen are: \[40\]", floor_tile, seen, TILE, 41)
+    refusal(CalibrationError, r"target 41: no camera sees it; seen are: \[40\]", floor_tile(seen, TILE, 41).new_from_old, lab.rig)
     pushed = replace(seen, xy_img=seen.xy_img + np.where(seen.t_ns[:, None] > 4e8, 30.0, 0.0))
-    refusal(CalibrationError, r"it moves in the images \(by \d+ px\)", floor_tile, pushed, TILE, 40)
+    refusal(CalibrationError, r"it moves in the images \(by \d+ px\)", floor_tile(pushed, TILE, 40).new_from_old, lab.rig)
 
 
 def test_three_points_set_the_world_and_check_the_scale(lab: Any) -> None:
@@ -132,7 +132,9 @@ def test_verification_measures_millimetres_and_finds_a_moved_camera_and_a_wrong_
     assert true.report.numbers["scale"] == pytest.approx(1, abs=2e-3)
     assert np.isfinite(true.cell_px).any(axis=(1, 2)).all()
     moved_rig = verify(turned(lab.rig, 0, [0.02, 0, 0]), seen, BOARD)
-    assert "reprojection" in {check.name for check in moved_rig.report.failed}
+    failed = {check.name: check.detail for check in moved_rig.report.failed}
+    assert "reprojection" in failed and failed["cameras are where the rig has them"].startswith("cam00 is turned by")
+    assert moved_rig.cameras[0].turn_rad == pytest.approx(0.02, abs=0.002) and moved_rig.cameras[0].excess > 1
     big = Rig(tuple(replace(c, cam_from_world=SE3(c.cam_from_world.wxyz, c.cam_from_world.xyz * 1.01)) for c in lab.rig))
     assert "scale is right" in {check.name for check in verify(big, seen, BOARD).report.failed}
 
@@ -155,6 +157,13 @@ def test_exchanged_cameras_are_refused_with_figures_that_are_known(lab: Any, cam
     assert "have exchanged names" in moved.detail
     assert "nan" not in details and "inf" not in details
     assert max(map(float, re.findall(r"([0-9.]+) px rms", details)), default=0.0) <= lab.rig.cameras[0].size_wh[0]
+
+
+def test_cameras_without_views_are_not_verified(lab: Any) -> None:
+    seen = board_seen(lab)
+    failed = {check.name: check.detail for check in verify(lab.rig, seen.rows(seen.camera < 2), BOARD).report.failed}
+    assert "cam02 (0 views shared with others" in failed["every camera is measured"]
+    assert "cam03 (0 views" in failed["every camera is measured"]
 
 
 def test_a_chessboard_cannot_verify_a_rig(lab: Any) -> None:

@@ -95,16 +95,10 @@ class Guesser:
 
     def _one(self, frame: Frame, people: int) -> Detections2D:
         xy, score = np.ones((people, K, 2)), np.ones((people, K))
-        xy[:, 0], score[:, 0] = np.nan, 0.0
-        if self.fault == "invented":
-            xy[:, 0] = 0.0
-        if self.fault == "score":
-            score *= 2
-        sigma = np.zeros((people, K)) if self.fault == "sigma" else np.ones((people, K))
-        camera = "other" if self.fault == "camera" else frame.camera
-        return Detections2D(
-            camera=camera, t_ns=frame.t_ns, skeleton=COCO17, xy_img=xy, score=score, sigma_px=sigma, box_img=np.zeros((people, 4))
-        )
+        xy[:, 0], score[:, 0] = 0.0 if self.fault == "invented" else np.nan, 0.0
+        camera, sigma_px = "other" if self.fault == "camera" else frame.camera, float(self.fault != "sigma")
+        score = 2 * score if self.fault == "score" else score
+        return built.detections(camera, xy, frame.t_ns, score=score, sigma_px=sigma_px)
 
 
 def test_the_detector_check_can_fail() -> None:

@@ -20,7 +20,7 @@ from posefuse.foundation import plugins
 from posefuse.foundation.settings import settings
 from posefuse.sources import ImagesConfig
 
-graphs = pytest.importorskip("graphs", reason="the package onnx is not installed")
+graphs, discs = (pytest.importorskip(name, reason="the package onnx is not installed") for name in ("graphs", "discs"))
 
 SIZE = (96, 64)
 CPU, CUDA = "CPUExecutionProvider", "CUDAExecutionProvider"
@@ -108,7 +108,6 @@ def test_the_number_of_the_card_is_passed_on(network):
 
 
 def test_images_go_in_batches_of_few_sizes_and_give_what_each_gives_alone(tmp_path, monkeypatch):
-    discs = pytest.importorskip("discs")
     runtime = graphs.ListsCuda()
     monkeypatch.setitem(sys.modules, "onnxruntime", runtime)
     card = read_card(discs.card_of("simcc", tmp_path), OnnxCard)
@@ -120,7 +119,6 @@ def test_images_go_in_batches_of_few_sizes_and_give_what_each_gives_alone(tmp_pa
 
 
 def test_people_are_searched_for_in_the_images_of_all_cameras_in_one_call(tmp_path, monkeypatch, ring_rig):
-    discs = pytest.importorskip("discs")
     runtime = graphs.ListsCuda()
     monkeypatch.setitem(sys.modules, "onnxruntime", runtime)
     discs.draw(rig := ring_rig(4, size_wh=(720, 560)), discs.true_xyz()[:1], tmp_path / "images")
@@ -134,8 +132,7 @@ def test_people_are_searched_for_in_the_images_of_all_cameras_in_one_call(tmp_pa
     for frame, found in zip([*frames, empty], together, strict=True):
         (alone,) = detector.detect([frame], [None])
         assert len(alone) == len(found) == (frame is not empty)
-        for name in ("xy_img", "score", "sigma_px", "box_img"):
-            np.testing.assert_allclose(getattr(found, name), getattr(alone, name), atol=1e-5)
+        assert_same(found, alone, atol=1e-5)
 
 
 @pytest.mark.parametrize("word", ["gpu", "cuda:", "cuda:x", "cpu:1", "cuda:0,cuda:1", "coreml:0", "CUDA", "", "openvino:tpu"])
@@ -179,8 +176,8 @@ def test_a_plug_in_gets_the_device_or_it_is_refused_before_any_work(monkeypatch,
         plugins, "entry_points", lambda group: entries if group == plugins.GROUPS["detectors"] else real(group=group)
     )
     assert build_detector(DetectorChoice(name="takes", options={"device": "mps"}), ring_rig(2)).device == "mps"
-    with pytest.raises(ConfigError, match=r"detector lacks \(lab\) takes no device"):
-        fetch_networks(DetectorChoice(name="lacks", options={"device": "mps"}))
+    choice = DetectorChoice(name="lacks", options={"device": "mps"})
+    refusal(ConfigError, r"detector lacks \(lab\) takes no device", fetch_networks, choice)
     session, out = tmp_path / "session", tmp_path / "out"
     (session / "videos").mkdir(parents=True)
     write_rig(session / "rig.toml", ring_rig(2))

@@ -110,8 +110,7 @@ def test_an_address_that_gives_nothing_leaves_nothing(get, tmp_path):
 
 def test_another_file_is_refused_with_both_hashes_and_not_kept(server, get, tmp_path):
     server.files["n.onnx"] = CONTENT[::-1]
-    with pytest.raises(ModelError, match=f"expected sha256 {SHA}, got {hashlib.sha256(CONTENT[::-1]).hexdigest()}"):
-        get(server.url("n.onnx"))
+    refusal(ModelError, f"expected sha256 {SHA}, got {hashlib.sha256(CONTENT[::-1]).hexdigest()}", get, server.url("n.onnx"))
     assert not (tmp_path / "n.onnx").exists()
     server.files["n.onnx"] = CONTENT
     assert get(server.url("n.onnx")).read_bytes() == CONTENT

@@ -149,13 +149,11 @@ def test_what_is_not_measured_is_hollow(make_recording: Make) -> None:
 @pytest.mark.parametrize("size_wh", [(1920, 1080), (1080, 1920), (640, 480), (33, 17)])
 def test_tiles_fit_and_do_not_overlap(count: int, size_wh: tuple[int, int]) -> None:
     grid = grid_for([size_wh] * count, (1280, 960))
-    assert grid.size_wh[0] <= 1280
-    assert grid.size_wh[1] <= 960
-    assert all(side % 2 == 0 for side in grid.size_wh)
+    assert (np.array(grid.size_wh) <= [1280, 960]).all() and not np.any(np.array(grid.size_wh) % 2)
     assert grid.tile_wh[0] <= size_wh[0]
-    corners = [grid.corner(place) for place in range(count)]
-    assert len(set(corners)) == count
-    assert all(x + grid.tile_wh[0] <= grid.size_wh[0] and y + grid.tile_wh[1] <= grid.size_wh[1] for x, y in corners)
+    corners = {grid.corner(place) for place in range(count)}
+    assert len(corners) == count
+    assert all((np.add(corner, grid.tile_wh) <= grid.size_wh).all() for corner in corners)
 
 
 def test_a_tile_keeps_the_images_shape() -> None:
@@ -187,8 +185,7 @@ def test_the_bystander_sees_everything(make_recording: Make) -> None:
     view = bystander(recording, 0, (400, 300))
     points = np.concatenate([recording.rig.centres_world(), recording.poses.xyz_world[0].reshape(-1, 3)])
     xy = view.project(points)
-    assert (xy > 0).all()
-    assert (xy < [400, 300]).all()
+    assert (xy > 0).all() and (xy < [400, 300]).all()
     up = view.project(np.array([0, 0, 2.0])) - view.project(np.zeros(3))
     assert up[1] < -20
     assert abs(up[0]) < 1
@@ -216,17 +213,12 @@ def without_person(recording: Recording) -> Recording:
 
 def test_one_pass_feeds_all_outputs(tmp_path: Path, make_recording: Make, grey_frames: Frames) -> None:
     recording = make_recording()
-    asked = []
-
-    def counted() -> Iterator:
-        for t_ns, frames in grey_frames(recording):
-            asked.append(t_ns)
-            yield t_ns, frames
-
+    asked: list[int] = []
+    counted = (asked.append(t_ns) or (t_ns, frames) for t_ns, frames in grey_frames(recording))
     sinks = [TrcSink(), OverlaySink(width_px=320, height_px=240), OverviewSink(width_px=320, height_px=240)]
     assert all(isinstance(sink, Sink) for sink in sinks)
     assert [isinstance(sink, FrameSink) for sink in sinks] == [False, True, True]
-    made = write_outputs(sinks, recording, tmp_path, counted())
+    made = write_outputs(sinks, recording, tmp_path, counted)
     assert [path.name for path in made] == ["pose.trc", "overlay.mp4", "overview.png"]
     assert asked == recording.poses.t_ns.tolist()
 
@@ -318,9 +310,9 @@ def assert_sides(left: str | tuple[float, ...], right: str | tuple[float, ...]) 
 
 def test_pages_on_light_and_dark_ground() -> None:
     css = page_html(Page("a", [Heading("b")]))
-    found = [re.findall(rf"--{side}: (#[0-9a-f]{{6}})", css) for side in ("left", "right")]
-    assert [len(values) for values in found] == [2, 2]
-    for left, right in zip(*found, strict=True):
+    lefts, rights = (re.findall(rf"--{side}: (#[0-9a-f]{{6}})", css) for side in ("left", "right"))
+    assert len(lefts) == 2
+    for left, right in zip(lefts, rights, strict=True):
         assert_sides(left, right)
 
 

@@ -29,15 +29,9 @@ def test_reruns_own_tools_read_it(tmp_path: Path, make_recording: Make, grey_fra
     verified = python("-m", "rerun", "rrd", "verify", str(path))
     assert "verified without error" in verified.stdout + verified.stderr
     listing = python("-m", "rerun", "rrd", "print", str(path)).stdout
-    views = (
-        "cameras/cam02/image",
-        "cameras/cam00/detections",
-        "cameras/cam01/skeleton",
-        "people/9/bones",
-        "people/4/uncertainty",
-    )
-    plots = ("/plots/reprojection_px/person_4", "/plots/views/person_9", "/about")
-    assert [name for name in (*(f"/world/{view}" for view in views), *plots) if name not in listing] == []
+    cameras = [f"/world/cameras/{view}" for view in ("cam02/image", "cam00/detections", "cam01/skeleton")]
+    others = ("/world/people/9/bones", "/world/people/4/uncertainty", "/plots/reprojection_px/person_4", "/plots/views/person_9")
+    assert [name for name in (*cameras, *others, "/about") if name not in listing] == []
 
 
 @needs_rerun
@@ -65,8 +59,7 @@ def test_viewing_shows_the_recording_or_makes_one(tmp_path: Path, make_recording
     monkeypatch.setattr("posefuse.outputs.rerun.open_in_viewer", lambda path: shown.append((path, path.is_file())))
     assert pf.view(tmp_path) == tmp_path
     made, was_there = shown[0]
-    assert was_there
-    assert not made.exists()
+    assert was_there and not made.exists()
     [path] = RerunSink().write(recording, tmp_path)
     assert pf.view(tmp_path) == path
     assert shown[1] == (path, True)
