@@ -45,16 +45,10 @@ class Drawn:
     def times_ns(self) -> Array:
         return np.arange(FRAMES) * PERIOD_NS
 
-    def frames(self) -> Iterator[Frame]:
-        return self.frames_from(0)
-
     def frames_from(self, begin_ns: int) -> Iterator[Frame]:
         for i in range(-(-begin_ns // PERIOD_NS), FRAMES):
             self.looks += 1
             yield self._frame(i)
-
-    def close(self) -> None:
-        pass
 
     def _frame(self, i: int) -> Frame:
         rotation = cv2.Rodrigues(np.deg2rad(self.turn_deg(i / FRAMES)))[0]

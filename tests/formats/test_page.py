@@ -71,13 +71,9 @@ def test_numbers_are_kept_to_a_fraction_of_their_range(parts, values):
 
 
 def test_every_kind_of_series_arrives_as_it_was_given(read_page, tmp_path):
-    series = [
-        Line("line", X, GAP, colour="left", dashed=True),
-        Band("band", X, GAP - 1, GAP + 1),
-        Dots("dots", X, GAP, labels=list("abcdefg")),
-        Spikes("spikes", X, GAP * 0, GAP),
-        Ticks("ticks", X[:2], colour="right"),
-    ]
+    lines = [Line("line", X, GAP, colour="left", dashed=True), Band("band", X, GAP - 1, GAP + 1)]
+    dots = Dots("dots", X, GAP, labels=list("abcdefg"))
+    series = [*lines, dots, Spikes("spikes", X, GAP * 0, GAP), Ticks("ticks", X[:2], colour="right")]
     plot = shown(read_page, tmp_path, Plots([axes(*series)])).plot("p")
     for given_one, one in zip(series, plot["series"], strict=True):
         assert (one["type"], one["name"]) == (given_one.type, given_one.name)
@@ -95,19 +91,10 @@ def test_arrays_that_are_the_same_are_stored_once(read_page, tmp_path):
 
 
 def test_names_are_shown_as_they_are_and_run_nothing(read_page, tmp_path):
-    page = Page(
-        NASTY,
-        [
-            Heading(NASTY, NASTY),
-            Cards({NASTY: NASTY}),
-            Facts({NASTY: NASTY}),
-            Table([NASTY], [[NASTY]]),
-            Images({NASTY: np.zeros((4, 4, 3), np.uint8)}),
-            Details(NASTY, [Note(NASTY, warning=True)]),
-            Plots([Plot(NASTY, [Line(NASTY, X, GAP)], x_label=NASTY, y_label=NASTY)]),
-        ],
-        subtitle=NASTY,
-    )
+    named = [Heading(NASTY, NASTY), Cards({NASTY: NASTY}), Facts({NASTY: NASTY}), Table([NASTY], [[NASTY]])]
+    image, details = Images({NASTY: np.zeros((4, 4, 3), np.uint8)}), Details(NASTY, [Note(NASTY, warning=True)])
+    plots = Plots([Plot(NASTY, [Line(NASTY, X, GAP)], x_label=NASTY, y_label=NASTY)])
+    page = Page(NASTY, [*named, image, details, plots], subtitle=NASTY)
     read = read_page(write_page(tmp_path / "page.html", page))
     assert read.headings == [NASTY, NASTY, NASTY]
     assert read.tables == [[[NASTY, NASTY]], [[NASTY], [NASTY]]]
@@ -116,13 +103,9 @@ def test_names_are_shown_as_they_are_and_run_nothing(read_page, tmp_path):
 
 
 def test_missing_values_are_dashes_and_gaps(read_page, tmp_path):
-    page = shown(
-        read_page,
-        tmp_path,
-        Table(["joint", "mm"], [["neck", 12.345], ["hip", float("nan")], ["toe", None], ["knee", 0.0123]]),
-        Facts({"a": float("inf")}),
-        Plots([axes(Line("none", X, X * np.nan)), axes(Band("none", X, X * np.nan, X * np.nan)), axes()]),
-    )
+    table = Table(["joint", "mm"], [["neck", 12.345], ["hip", float("nan")], ["toe", None], ["knee", 0.0123]])
+    plots = Plots([axes(Line("none", X, X * np.nan)), axes(Band("none", X, X * np.nan, X * np.nan)), axes()])
+    page = shown(read_page, tmp_path, table, Facts({"a": float("inf")}), plots)
     assert page.tables == [[["joint", "mm"], ["neck", "12.3"], ["hip", "–"], ["toe", "–"], ["knee", "0.0"]], [["a", "–"]]]
     assert np.isnan(page.data["plots"][0]["series"][0]["y"]).all()
     assert page.data["plots"][1]["ranges"] == [None, None] and page.data["plots"][2]["series"] == []
@@ -205,12 +188,9 @@ def test_the_player_keeps_positions_to_a_millimetre(read_page, tmp_path):
         for k, positions in enumerate(person["xyz"]):
             np.testing.assert_allclose(np.array(positions, float).T, xyz[::2, n, k], atol=5.1e-4)
     assert content["people"][1]["name"] == NASTY and content["across"] == [[0, 1]] and block.note == ""
-
-
-def test_a_long_recording_is_cut_and_it_is_reported():
-    t_s = np.arange(12_000) / 30
-    block = player(t_s, np.zeros((12_000, 1, 1, 3)))
-    assert len(block.kept) == 5400 and block.note == "The first 180 s of 400 s."
+    # a long recording is cut, which is reported
+    long = player(np.arange(12_000) / 30, np.zeros((12_000, 1, 1, 3)))
+    assert len(long.kept) == 5400 and long.note == "The first 180 s of 400 s."
 
 
 @pytest.mark.parametrize(
@@ -229,9 +209,8 @@ def test_blocks_that_do_not_fit_together_are_refused(build, said):
 
 def test_the_bundle_of_plotly_has_the_version_of_its_name():
     head = gzip.decompress(PLOTLY.read_bytes())[:300].decode()
-    assert re.search(r"plotly\.js \(basic - minified\) v([\d.]+)", head)[1] == PLOTLY.name.split("-")[2].removesuffix(
-        ".min.js.gz"
-    )
+    version = re.search(r"plotly\.js \(basic - minified\) v([\d.]+)", head)[1]
+    assert PLOTLY.name.endswith(f"-{version}.min.js.gz")
     assert "MIT" in head and "MIT License" in PLOTLY.with_name("plotly-LICENSE.txt").read_text()
 
 

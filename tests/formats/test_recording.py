@@ -58,22 +58,22 @@ def test_every_bit_comes_back(tmp_path: Path, recording: Recording) -> None:
 def test_folders_that_are_no_result(tmp_path: Path, recording: Recording, ring_rig: Callable[..., Rig]) -> None:
     refusal(InputError, r"not a posefuse result: there is no recording\.json", read_recording, tmp_path)
     write_recording(tmp_path, recording)
-    about = json.loads((tmp_path / "recording.json").read_text())
-
-    def problem(changed: dict) -> str:
+    written = (tmp_path / "recording.json").read_text()
+    about = json.loads(written)
+    for changed, words in (
+        (about | {"format_version": 5}, "format version: expected 3 or 4, got 5"),
+        (about | {"format_version": 4}, "the result is incomplete: 'depth_m' is missing"),
+        (about | {"format_version": 2}, "got 2; an older posefuse wrote it: track the session again"),
+        ({"a": 1}, "not a posefuse result"),
+        ({key: value for key, value in about.items() if key != "rig_id"}, "rig_id is missing"),
+        (about | {"skeleton": about["skeleton"] | {"keypoints": ["a"], "bones": []}}, "does not fit together"),
+        (about | {"skeleton": {"name": "three"}}, "incomplete"),
+    ):
         (tmp_path / "recording.json").write_text(json.dumps(changed))
-        return refusal(InputError, "", read_recording, tmp_path)
-
-    assert "format version: expected 3 or 4, got 5" in problem(about | {"format_version": 5})
-    assert "the result is incomplete: 'depth_m' is missing" in problem(about | {"format_version": 4})
-    assert "got 2; an older posefuse wrote it: track the session again" in problem(about | {"format_version": 2})
-    assert "not a posefuse result" in problem({"a": 1})
-    assert "rig_id is missing" in problem({key: value for key, value in about.items() if key != "rig_id"})
-    assert "does not fit together" in problem(about | {"skeleton": about["skeleton"] | {"keypoints": ["a"], "bones": []}})
-    assert "incomplete" in problem(about | {"skeleton": {"name": "three"}})
+        refusal(InputError, words, read_recording, tmp_path)
     (tmp_path / "recording.json").write_text("{")
     refusal(InputError, "cannot be parsed as JSON", read_recording, tmp_path)
-    (tmp_path / "recording.json").write_text(json.dumps(about))
+    (tmp_path / "recording.json").write_text(written)
     assert read_recording(tmp_path).rig.id == recording.rig.id
     write_rig(tmp_path / "rig.toml", ring_rig(4, radius_m=3.0))
     refusal(InputError, r"rig\.toml is rig .*, the result was made with rig", read_recording, tmp_path)

@@ -115,13 +115,12 @@ def test_we_read_opencvs_files(tmp_path: Path, ring_rig: Callable[..., Rig], end
     rig = ring_rig(3, distortion=(1e-5, -0.05, 1e-7, 0.002, 0.03))
     (tmp_path / "cameras").mkdir()
     for camera in rig:
+        pose = camera.cam_from_world
+        vectors = {"distCoeffs": camera.distortion, "rvec": pose.rotvec(), "tvec": pose.xyz}
+        sensor = {"image_width": camera.size_wh[0], "image_height": camera.size_wh[1], "cameraMatrix": camera.K}
         storage = cv2.FileStorage(str(tmp_path / "cameras" / f"{camera.name}.{ending}"), cv2.FILE_STORAGE_WRITE)
-        storage.write("image_width", camera.size_wh[0])
-        storage.write("image_height", camera.size_wh[1])
-        storage.write("cameraMatrix", camera.K)
-        storage.write("distCoeffs", camera.distortion.reshape(shape))
-        storage.write("rvec", camera.cam_from_world.rotvec().reshape(shape))
-        storage.write("tvec", camera.cam_from_world.xyz.reshape(shape))
+        for name, value in (sensor | {name: vector.reshape(shape) for name, vector in vectors.items()}).items():
+            storage.write(name, value)
         storage.release()
     assert read_rig(tmp_path / "cameras").id == rig.id
 
@@ -202,16 +201,16 @@ def test_a_file_that_cannot_be_right_is_refused_by_file_camera_and_fault(
 
 @pytest.mark.parametrize(("matrix", "message"), [(MIRROR, "mirrored"), (BENT, "not a rotation matrix")])
 def test_matrices_that_are_no_rotation(tmp_path: Path, ring_rig: Callable[..., Rig], matrix: list, message: str) -> None:
-    content = json.loads((GOLDEN / "rig.json").read_text())
+    content, path = json.loads((GOLDEN / "rig.json").read_text()), tmp_path / "rig.json"
     for good in (np.eye(3), np.round(ring_rig(1).cameras[0].cam_from_world.matrix(), 5)):
         content["cam_0"]["R"] = good.tolist()
-        (tmp_path / "rig.json").write_text(json.dumps(content))
-        got = read_rig(tmp_path / "rig.json").cameras[0].cam_from_world.matrix()
+        path.write_text(json.dumps(content))
+        got = read_rig(path).cameras[0].cam_from_world.matrix()
         np.testing.assert_allclose(got, good, atol=2e-5)
         np.testing.assert_allclose(got @ got.T, np.eye(3), atol=1e-14)
     content["cam_0"]["R"] = matrix
-    (tmp_path / "rig.json").write_text(json.dumps(content))
-    refusal(CalibrationError, rf"camera cam_0: rotation: .*{message}", read_rig, tmp_path / "rig.json")
+    path.write_text(json.dumps(content))
+    refusal(CalibrationError, rf"camera cam_0: rotation: .*{message}", read_rig, path)
 
 
 @pytest.mark.parametrize(
@@ -251,7 +250,7 @@ def room(ring_rig: Callable[..., Rig]) -> Rig:
 def test_poses_that_mean_something_else_are_named_before_tracking(words: str, room: Rig) -> None:
     rig, read = room, READINGS[words]
     assert rig_warnings("rig.toml", rig) == ()
-    every = Rig(tuple(replace(camera, cam_from_world=read(camera.cam_from_world)) for camera in rig))
+    every = replace(rig, cameras=tuple(replace(camera, cam_from_world=read(camera.cam_from_world)) for camera in rig))
     assert any(f"would if the file held {words}" in line for line in rig_warnings("rig.toml", every))
 
 
