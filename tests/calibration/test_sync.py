@@ -12,7 +12,7 @@ from checks import refusal
 from scipy.interpolate import CubicSpline
 from studies import write_openpose
 
-from posefuse.calibration.clocks.paths import _splines, at_times
+from posefuse.calibration.clocks.paths import at_times
 from posefuse.calibration.clocks.person_tracks import PersonTrack
 from posefuse.calibration.clocks.start import rough_clocks, rough_clocks_unplaced
 from posefuse.calibration.clocks.sync import ClockEstimate, clocks_from_person, estimate_clocks
@@ -156,15 +156,3 @@ def test_points_are_read_between_frames_but_not_across_gaps() -> None:
     values[1] = np.nan
     assert np.isfinite(at_times(t_s, values, np.array([0.25]))).all()
     assert np.isnan(at_times(t_s, values, np.array([0.15]))).all()
-
-
-def test_paths_are_splines_and_their_slopes_are_slopes() -> None:
-    times = np.random.default_rng(0).uniform(3.0, 5.0, 50)
-    place, _, bend = _splines(times)
-    np.testing.assert_allclose(place.sum(axis=1), 1, atol=1e-12)
-    ends, step = np.array([3.0, 5.0]), 1e-6
-    ahead, back = (_splines(np.concatenate([ends, times + sign * step]))[0][2:] for sign in (1, -1))
-    there = _splines(np.concatenate([ends, times]))[1][2:]
-    np.testing.assert_allclose((ahead - back) / (2 * step), there, atol=1e-6)
-    # coefficients of a straight line make no bend
-    np.testing.assert_allclose(bend @ np.arange(place.shape[1]), 0, atol=1e-9)

@@ -2,10 +2,10 @@
 
 import hashlib
 import io
-import os
 import subprocess
 import sys
 import threading
+import time
 import zipfile
 from dataclasses import replace
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
@@ -134,30 +134,29 @@ def test_a_server_in_trouble_is_asked_again(server, get):
     assert len(server.asked) == 4
 
 
-_TWO = "import sys; from pathlib import Path; from posefuse.detection.download import downloaded\n" \
-       "downloaded([sys.argv[1]], Path(sys.argv[2]), sys.argv[3], 10_000_000)"  # fmt: skip
+def command(server, folder):
+    """A process of its own that downloads."""
+    call = f"downloaded([{server.url('n.onnx')!r}], Path({str(folder / 'n.onnx')!r}), {SHA!r}, 10_000_000)"
+    return [sys.executable, "-c", f"from pathlib import Path; from posefuse.detection.download import downloaded; {call}"]
 
 
 def test_two_processes_at_once_end_with_one_whole_file(server, tmp_path):
     server.files["n.onnx"], server.break_off = CONTENT, [500_000] * 3
-    command = [sys.executable, "-c", _TWO, server.url("n.onnx"), str(tmp_path / "n.onnx"), SHA]
-    both = [subprocess.Popen(command, env={**os.environ}) for _ in range(2)]
+    both = [subprocess.Popen(command(server, tmp_path)) for _ in range(2)]
     assert [one.wait(120) for one in both] == [0, 0]
     assert (tmp_path / "n.onnx").read_bytes() == CONTENT
     assert [path.name for path in tmp_path.iterdir()] == ["n.onnx"]
 
 
 def test_a_download_that_was_killed_is_resumed(server, tmp_path):
-    slow = threading.Event()
     server.files["n.onnx"], server.break_off = CONTENT, [1_500_000] + [0] * 9
-    command = [sys.executable, "-c", _TWO, server.url("n.onnx"), str(tmp_path / "n.onnx"), SHA]
-    running = subprocess.Popen(command)
-    while not (tmp_path / "n.onnx.part").is_file() or (tmp_path / "n.onnx.part").stat().st_size < 1_500_000:
-        slow.wait(0.05)
+    running, part = subprocess.Popen(command(server, tmp_path)), tmp_path / "n.onnx.part"
+    while not part.is_file() or part.stat().st_size < 1_500_000:
+        time.sleep(0.05)
     running.kill()
     running.wait(60)
     server.break_off = []
-    subprocess.run(command, check=True, timeout=120)
+    subprocess.run(command(server, tmp_path), check=True, timeout=120)
     assert (tmp_path / "n.onnx").read_bytes() == CONTENT
     assert (server.asked[-1][1] or "").startswith("bytes=1500000")
 

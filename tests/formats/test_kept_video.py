@@ -70,7 +70,7 @@ STREAMS = {
 COUNT = 50
 
 
-def made_stream(path: Path, name: str) -> None:
+def made_stream(path: Path, name: str) -> VideoConfig:
     """A recording of a variable frame rate; each image has a grey value of its own."""
     codec, options, container, rate, first, _ = STREAMS[name]
     if codec not in av.codecs_available:
@@ -78,6 +78,7 @@ def made_stream(path: Path, name: str) -> None:
     pts = [first + round((i / 30 + 0.4 * (i > 20)) * rate) for i in range(COUNT)]
     pix_fmt = "yuvj420p" if codec == "mjpeg" else "yuv420p"
     write_video(path, GREYS, codec, Fraction(1, rate), pts, pix_fmt=pix_fmt, options=options, format=container)
+    return VideoConfig(path, "cam00", keep_encoded=True)
 
 
 def grey(i: int) -> int:
@@ -90,9 +91,7 @@ GREYS = [np.full((120, 160, 3), grey(i), np.uint8) for i in range(COUNT)]
 @pytest.mark.parametrize("name", STREAMS)
 @pytest.mark.parametrize("session_ns", [0, 1_234_567_891])
 def test_no_frame_of_any_encoder_is_lost_and_each_keeps_its_own_time(tmp_path: Path, name: str, session_ns: int) -> None:
-    path = tmp_path / "made"
-    made_stream(path, name)
-    source = VideoConfig(path, "cam00", keep_encoded=True).build()
+    source = made_stream(tmp_path / "made", name).build()
     # times of exposure that the stream does not know
     own_ns = session_ns + np.cumsum(np.random.default_rng(0).integers(20_000_000, 50_000_000, COUNT)) - 20_000_000
     given = [replace(frame, t_ns=t_ns) for frame, t_ns in zip(source.frames(), own_ns.tolist(), strict=True)]
@@ -112,8 +111,7 @@ def test_no_frame_of_any_encoder_is_lost_and_each_keeps_its_own_time(tmp_path: P
 
 @pytest.mark.parametrize("name", STREAMS)
 def test_frames_from_a_time_on_are_those_of_the_whole_and_little_before_is_decoded(tmp_path: Path, name: str) -> None:
-    made_stream(tmp_path / "made", name)
-    source = VideoConfig(tmp_path / "made", "cam00", offset_s=0.25, drift_ppm=40.0).build()
+    source = replace(made_stream(tmp_path / "made", name), keep_encoded=False, offset_s=0.25, drift_ppm=40.0).build()
     whole = list(source.frames())
     for begin_ns in [0, *(frame.t_ns + 1 for frame in whole[::7]), whole[-1].t_ns]:
         found = list(source.frames_from(begin_ns))
@@ -149,8 +147,7 @@ def check_lengths(path: Path) -> None:
 @pytest.mark.parametrize("name", ["x264 B-frames", "x264 open GOP", "x265 open GOP"])
 def test_a_video_begins_with_the_first_keyframe_and_loses_nothing_after_it(tmp_path: Path, name: str) -> None:
     """A camera whose recording is switched on while it runs."""
-    made_stream(tmp_path / "made", name)
-    given = list(VideoConfig(tmp_path / "made", "cam00", keep_encoded=True).build().frames())
+    given = list(made_stream(tmp_path / "made", name).build().frames())
     with KeptVideo(tmp_path / "kept.mp4") as video:
         taken = [not video.write(kept(frame), frame.t_ns) for frame in given[5:]]
     begin = taken.index(True)
@@ -160,8 +157,7 @@ def test_a_video_begins_with_the_first_keyframe_and_loses_nothing_after_it(tmp_p
 
 @pytest.mark.parametrize("name", ["x264 B-frames", "x264 open GOP"])
 def test_a_video_that_ends_anywhere_holds_all_that_was_shown(tmp_path: Path, name: str) -> None:
-    made_stream(tmp_path / "made", name)
-    given = list(VideoConfig(tmp_path / "made", "cam00", keep_encoded=True).build().frames())
+    given = list(made_stream(tmp_path / "made", name).build().frames())
     for count in (1, 2, 3, 4, 17, 18):
         with KeptVideo(tmp_path / f"{count}.mp4") as video:
             assert write_all(video, given[:count]) == count
@@ -170,9 +166,9 @@ def test_a_video_that_ends_anywhere_holds_all_that_was_shown(tmp_path: Path, nam
 
 
 def test_a_camera_that_sets_its_clock_back_loses_no_frame(tmp_path: Path) -> None:
-    made_stream(tmp_path / "made", "x264 without B-frames")
+    source = replace(made_stream(tmp_path / "made", "x264 without B-frames"), threads=False).build()
     with KeptVideo(tmp_path / "kept.mp4") as video:
-        for i, frame in enumerate(VideoConfig(tmp_path / "made", "cam00", keep_encoded=True, threads=False).build().frames()):
+        for i, frame in enumerate(source.frames()):
             [packet], back_ns = frame.encoded.packets, (i > 20) * 60_000_000_000
             packet = replace(packet, stamp_ns=packet.stamp_ns - back_ns)
             encoded = replace(frame.encoded, packets=(packet,), stamp_ns=packet.stamp_ns)
@@ -202,8 +198,7 @@ def test_packets_left_out_cost_those_that_build_on_them_and_no_more(demo_session
 
 @pytest.mark.parametrize("name", ["x264 B-frames, pyramid, a long GOP", "motion JPEG", "VP8"])
 def test_of_a_video_that_was_killed_all_but_the_last_second_is_readable(tmp_path: Path, name: str) -> None:
-    made_stream(tmp_path / "made", name)
-    source = VideoConfig(tmp_path / "made", "cam00", keep_encoded=True).build()
+    source = made_stream(tmp_path / "made", name).build()
     video = KeptVideo(tmp_path / "a.mp4")
     for frame in source.frames():
         assert not video.write(kept(frame), frame.t_ns)

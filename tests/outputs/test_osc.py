@@ -100,7 +100,7 @@ def test_up_is_up_and_hands_are_as_said(axes, standing):
 
 def test_json_leaves_out_what_is_missing(standing, some_joints):
     pose = standing(left_wrist=(np.nan,) * 3)
-    (datagram,) = json_from_pose(pose, None, "z_up")
+    (datagram,) = json_from_pose(pose, None, "z_up", {1: ""})
     content = json.loads(datagram, parse_constant=pytest.fail)
     assert "left_wrist" not in content["keypoints"] and "name" not in content
     assert content["sigma_m"]["nose"] == pytest.approx(0.01)
