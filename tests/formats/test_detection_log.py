@@ -25,15 +25,17 @@ def opened(path: Path, keep: int = 0) -> ObservationLog:
     return ObservationLog(path, skeleton=COCO17, camera_names=NAMES, made_with={"rig": "abc"}, keep=keep)
 
 
-@pytest.fixture
-def log(tmp_path: Path) -> Path:
-    path = tmp_path / "detections.log"
-    writer = opened(path)
-    for step in range(6):
-        writer.append(batch(step))
-    writer.append(batch(5, LookKind.SEARCH))
+def written(path: Path, *batches: DetectionBatch, keep: int = 0) -> Path:
+    writer = opened(path, keep)
+    for one in batches:
+        writer.append(one)
     writer.close()
     return path
+
+
+@pytest.fixture
+def log(tmp_path: Path) -> Path:
+    return written(tmp_path / "detections.log", *map(batch, range(6)), batch(5, LookKind.SEARCH))
 
 
 def test_every_record_comes_back(log: Path) -> None:
@@ -48,12 +50,7 @@ def test_depth_of_some_cameras_comes_back_and_the_others_cost_nothing(tmp_path: 
     depth = np.random.default_rng(3).uniform(1, 4, (*plain.detections[1].score.shape, 2))
     depth[0, :4] = np.nan
     deep = replace(plain.detections[1], depth_m=depth)
-    path = tmp_path / "deep.log"
-    writer = opened(path)
-    for step in range(5):
-        writer.append(batch(step))
-    writer.append(replace(plain, detections=(plain.detections[0], deep)))
-    writer.close()
+    path = written(tmp_path / "deep.log", *map(batch, range(5)), replace(plain, detections=(plain.detections[0], deep)))
     got = read_log(path)
     assert got.batches[5].detections[0].depth_m is None
     np.testing.assert_array_equal(got.batches[5].detections[1].depth_m, deep.depth_m)
@@ -84,10 +81,7 @@ def test_writing_continues_after_the_whole_time_steps(log: Path) -> None:
     before = log.read_bytes()
     batches, keep = read_log(log).whole_steps()
     assert [one.step for one in batches] == [0, 1, 2, 3, 4]
-    writer = opened(log, keep)
-    writer.append(batch(5))
-    writer.append(batch(5, LookKind.SEARCH))
-    writer.close()
+    written(log, batch(5), batch(5, LookKind.SEARCH), keep=keep)
     assert log.read_bytes() == before
 
 

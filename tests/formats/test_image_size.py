@@ -4,7 +4,6 @@ from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 
-import av
 import numpy as np
 import pytest
 from checks import refusal
@@ -12,6 +11,7 @@ from checks import refusal
 from posefuse.core import CalibrationError, Camera, Rig
 from posefuse.formats.rig import fit_camera_to_video, read_rig
 from posefuse.formats.rig.image_size import black_bars
+from posefuse.sources import VideoConfig
 
 POINT = np.array([0.2, -0.3, 1.1])
 
@@ -77,8 +77,7 @@ def test_the_real_videos_are_letterboxed_not_cropped(shared_data: Path) -> None:
     folder = shared_data / "pose2sim_single"
     rig = read_rig(folder / "calibration" / "Calib_qualisys.toml")
     for name, camera in zip(("cam01", "cam02"), rig, strict=False):
-        with av.open(str(folder / "videos" / f"{name}.mp4")) as container:
-            image = next(container.decode(video=0)).to_ndarray(format="rgb24")
+        image = next(VideoConfig(folder / "videos" / f"{name}.mp4", name).build().frames()).image
         assert black_bars(image) == (0, 7, 0, 7)
         fitted = fit_camera_to_video(camera, (1080, 1920), image=image)
         assert fitted.K[0, 0] / camera.K[0, 0] == pytest.approx(1080 / 1088)
