@@ -18,8 +18,7 @@ from posefuse.calibration.clocks.sync import ClockEstimate
 from posefuse.calibration.extrinsics import target as moving_target
 from posefuse.calibration.report import CalibrationReport, Check, RefusedCalibration, after
 from posefuse.calibration.targets.coverage import coverage
-from posefuse.core import SE3, Camera, Frame
-from posefuse.core.arrays import Array
+from posefuse.core import SE3, Array, Camera, Frame
 from posefuse.formats.video import VideoWriter
 from posefuse.health.background import background_of
 from posefuse.pipeline.calibration import background_of_person

@@ -22,9 +22,8 @@ from posefuse.core import SKELETONS, InputError, LookKind, Rig
 from posefuse.formats.rig import write_rig
 from posefuse.foundation.settings import read_settings
 from posefuse.health.rig_monitor import RigFinding
-from posefuse.pipeline.config import TrackConfig
+from posefuse.pipeline import TrackConfig, find_session
 from posefuse.pipeline.opening import open_session
-from posefuse.pipeline.session import find_session
 from posefuse.pipeline.solve import finding_line
 
 BODY = SKELETONS["coco17"]

@@ -7,14 +7,8 @@ import numpy as np
 import pytest
 
 from posefuse.core import SE3, SKELETONS, Region
-from posefuse.detection.crops import (
-    crop_from_img,
-    img_from_crop,
-    region_from_keypoints,
-    region_from_pose,
-    square_crop,
-    up_angle_rad,
-)
+from posefuse.detection import region_from_keypoints, region_from_pose, up_angle_rad
+from posefuse.detection.crops import crop_from_img, img_from_crop, square_crop
 
 BODY = SKELETONS["blazepose33"]
 

@@ -10,16 +10,8 @@ from checks import refusal
 
 from posefuse.core import ConfigError, LiveNames, LivePose
 from posefuse.evaluation.contracts import made_up_start
-from posefuse.outputs.live.udp import (
-    AXES,
-    JsonConfig,
-    OscConfig,
-    UdpStream,
-    json_from_pose,
-    osc_bundle,
-    osc_from_pose,
-    osc_message,
-)
+from posefuse.outputs.live import JsonConfig, OscConfig
+from posefuse.outputs.live.udp import AXES, UdpStream, json_from_pose, osc_bundle, osc_from_pose, osc_message
 
 
 def read(data):

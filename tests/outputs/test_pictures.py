@@ -372,5 +372,6 @@ def test_pictures_name_the_colours(tmp_path: Path, make_recording: Make, sink: O
     """Without a person, only the words of the legend have these colours."""
     [path] = write_outputs([sink], without_person(make_recording()), tmp_path)
     image = film(path)[0].to_ndarray(format="rgb24")
-    for side in (LEFT, RIGHT):
-        assert (np.abs(image.astype(int) - side.image_rgb).max(axis=-1) < 60).sum() > 8
+    hue, strength, light = np.moveaxis(cv2.cvtColor(image, cv2.COLOR_RGB2HSV), -1, 0)
+    for least, most in (ORANGE, BLUE):
+        assert ((least < hue / 180) & (hue / 180 < most) & (strength > 128) & (light > 100)).sum() > 8

@@ -7,17 +7,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from posefuse.core.skeleton import pick_keypoints
-from posefuse.detection import BlazePoseConfig
-from posefuse.detection.card import LandmarkCard, NetworkInput, OnnxCard, PersonCard, read_card
+from posefuse.core import pick_keypoints
+from posefuse.detection import BlazePoseConfig, read_card
+from posefuse.detection.card import LandmarkCard, NetworkInput, OnnxCard, PersonCard
 from posefuse.detection.engines import BlazePoseNetwork
 from posefuse.detection.networks import TopDownDetector
 from posefuse.detection.search import SquareFinder
-from posefuse.evaluation.metrics import true_xyz_at
-from posefuse.formats.truth import read_truth
-from posefuse.pipeline.config import TrackConfig
-from posefuse.pipeline.session import find_session
-from posefuse.pipeline.track import track_session
+from posefuse.evaluation import true_xyz_at
+from posefuse.formats import read_truth
+from posefuse.pipeline import TrackConfig, find_session, track_session
 from posefuse_sim.fitting import collect, fit_noise, noise_text, render_everyday
 
 SIDE, CELLS, BINS = 256, 64, 512
