@@ -138,10 +138,11 @@ def test_one_that_is_still_dying_is_no_error_and_is_started_again_later() -> Non
 @posix
 def test_it_ends_when_its_parent_is_killed() -> None:
     script = (
-        "import sys, time; sys.path.insert(0, sys.argv[1]); from test_worker import Worker, echo, answer; worker = Worker(echo); "
+        "import sys, time; sys.path[:0] = sys.argv[1:]; from test_worker import Worker, echo, answer; worker = Worker(echo); "
         "worker.start(); answer(worker); print(worker.pid, flush=True); time.sleep(60)"
     )
-    with Running([sys.executable, "-c", script, str(Path(__file__).parent)]) as parent:
+    here = Path(__file__).parent
+    with Running([sys.executable, "-c", script, str(here), str(here.parent / "support")]) as parent:
         pid = int(parent.out.wait_for(r"\d+")[0])
     end_s = time.monotonic() + PATIENCE_S
     with contextlib.suppress(ProcessLookupError):
