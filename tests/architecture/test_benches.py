@@ -1,11 +1,10 @@
 """Benches and tools: each can be imported, what docs and source name of them is there, and fits stay off reported bodies."""
 
 import re
-import subprocess
-import sys
 from pathlib import Path
 
 import pytest
+from running import printed
 
 ROOT = Path(__file__).resolve().parents[2]
 SCRIPTS = sorted(path.stem for path in (ROOT / "bench").glob("*.py"))
@@ -33,10 +32,7 @@ SOURCE = re.compile(
 
 def problems(folder: Path, scripts: list[str]) -> str:
     place = f"import sys; sys.path[:0] = [{str(folder)!r}, {str(ROOT)!r}]\n"
-    done = subprocess.run(
-        [sys.executable, "-c", place + IMPORT_ALL, *scripts], capture_output=True, text=True, timeout=300, check=True
-    )
-    return done.stdout
+    return printed("-c", place + IMPORT_ALL, *scripts, limit_s=300)
 
 
 def with_imports(script: Path) -> str:
@@ -110,6 +106,8 @@ def test_every_table_between_marks_has_a_script_that_writes_it() -> None:
     marks = {(page.name, mark) for page in PAGES for mark in MARK.findall(page.read_text(encoding="utf-8"))}
     assert len(marks) >= 5
     assert [mark for mark in sorted(marks) if not writer_of(mark[1])] == []
+    parts = (ROOT / "docs" / "benchmarks.md").read_text(encoding="utf-8").split("\n## ")[1:]
+    assert len(parts) >= 9 and [part.partition("\n")[0] for part in parts if not MARK.search(part)] == []
     assert writer_of("a table that no script writes") == []
 
 
@@ -138,13 +136,6 @@ def test_a_table_without_a_command_is_seen() -> None:
     assert tables_without_source("## Two\n\n| a | b |\n|---|---|\n| x | often |\n") == []
 
 
-def test_every_part_of_the_page_of_benchmarks_is_written_by_a_script() -> None:
-    text = (ROOT / "docs" / "benchmarks.md").read_text(encoding="utf-8")
-    parts = re.split(r"^## ", text, flags=re.MULTILINE)[1:]
-    assert len(parts) >= 9
-    assert [part.partition("\n")[0] for part in parts if not (ROOT / "bench" / f"{MARK.findall(part)[0]}.py").is_file()] == []
-
-
 def test_a_fit_takes_no_body_that_is_reported_and_a_report_none_that_was_fitted() -> None:
     code = """
 from harness import Use, checked
@@ -157,7 +148,6 @@ for seed, use in ((9400, Use.FIT), (7300, Use.REPORT), (7300, Use.FIT), (9400, U
         print(error)
 """
     place = f"import sys; sys.path[:0] = [{str(ROOT / 'bench')!r}]\n"
-    done = subprocess.run([sys.executable, "-c", place + code], capture_output=True, text=True, timeout=300, check=True)
-    said = done.stdout.splitlines()
+    said = printed("-c", place + code, limit_s=300).splitlines()
     assert said[0].startswith("body 9400 is not for a fit") and said[1].startswith("body 7300 is not for a report")
     assert said[2:] == ["taken"] * 3

@@ -1,11 +1,13 @@
 """The tree is the architecture: rooms import downwards only, and heavy packages only where they are used."""
 
 import ast
-import subprocess
 import sys
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 
 import pytest
+from commands import as_options, oracle
+from running import printed, python
 
 from packages import PACKAGES, shown
 
@@ -64,19 +66,21 @@ def room_of(path: Path) -> str:
     return path.relative_to(SRC).parts[0]
 
 
-def imported_names(path: Path) -> set[str]:
-    """Absolute dotted names a file imports, relative imports resolved."""
-    package = shown(path).split("/")[:-1]
-    names: set[str] = set()
+def imports(path: Path, root: Path | None = None) -> Iterator[tuple[str, str]]:
+    """Module and name of what a file imports anywhere, relative imports resolved; `root`: the folder its packages are in."""
+    package = [*path.parent.relative_to(root).parts] if root else shown(path).split("/")[:-1]
     for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
         if isinstance(node, ast.Import):
-            names.update(alias.name for alias in node.names)
+            yield from ((alias.name, alias.name) for alias in node.names)
         elif isinstance(node, ast.ImportFrom):
             base = package[: len(package) - node.level + 1] if node.level else []
-            prefix = ".".join([*base, *([node.module] if node.module else [])])
-            names.add(prefix)
-            names.update(f"{prefix}.{alias.name}" for alias in node.names)
-    return names
+            module = ".".join([*base, *([node.module] if node.module else [])])
+            yield from ((module, f"{module}.{alias.name}") for alias in node.names)
+
+
+def imported_names(path: Path) -> set[str]:
+    """Absolute dotted names."""
+    return {name for pair in imports(path) for name in pair}
 
 
 def forbidden(room: str, names: set[str]) -> set[str]:
@@ -143,9 +147,7 @@ DEMO_RIG = SRC.parents[1] / "examples" / "demo" / "rig.toml"
 )
 def test_what_needs_a_missing_package_names_the_extra(words: str, extra: str, tmp_path: Path) -> None:
     code = f"{WITHOUT_PACKAGES}from posefuse.cli.main import main\nmain(['--help'])\nsys.exit(main({words.split()}))"
-    done = subprocess.run(
-        [sys.executable, "-c", code], capture_output=True, text=True, check=False, timeout=120, cwd=tmp_path
-    )  # fmt: skip
+    done = python("-c", code, cwd=tmp_path)
     assert done.returncode == 1 and f"pip install 'posefuse[{extra}]'" in done.stderr, done.stderr
     assert done.stdout.count("(needs the extra") == 4
 
@@ -156,8 +158,9 @@ def test_names_of_posefuse_whose_package_is_missing_name_the_extra() -> None:
         f"{WITHOUT_PACKAGES}import posefuse as pf\nfor name in {sorted(wanted)}:\n"
         "    try:\n        getattr(pf, name)\n    except pf.PosefuseError as error:\n        print(name, error)"
     )
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True, timeout=120)
-    assert [f"pip install 'posefuse[{wanted[line.split()[0]]}]'" in line for line in done.stdout.splitlines()] == 4 * [True]
+    assert [f"pip install 'posefuse[{wanted[line.split()[0]]}]'" in line for line in printed("-c", code).splitlines()] == 4 * [
+        True
+    ]
 
 
 def test_the_import_guard_can_fail() -> None:
@@ -209,8 +212,7 @@ def test_nothing_is_called_utils() -> None:
 
 def modules_after(statement: str) -> set[str]:
     code = f"{statement}\nimport sys\nprint(' '.join(sorted({{m.split('.')[0] for m in sys.modules}})))"
-    run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True, timeout=120)
-    return set(run.stdout.splitlines()[-1].split())
+    return set(printed("-c", code).splitlines()[-1].split())
 
 
 def test_help_imports_nothing_heavy() -> None:
@@ -220,14 +222,10 @@ def test_help_imports_nothing_heavy() -> None:
 
 
 def test_tracking_and_reporting_need_no_tables_of_others(demo_session: Path, tmp_path: Path) -> None:
-    truth = (demo_session / "truth" / "truth.npz").as_posix()
-    oracle = ["--set", "detector.name=oracle", "--set", f"detector.options.truth={truth}", "--end", "0.5"]
-    for words in (["track", str(demo_session), "--out", str(tmp_path / "a"), *oracle], ["report", str(tmp_path / "a")]):
-        code = (
-            f"import sys\nfrom posefuse.cli.main import main\nsys.modules.update(dict.fromkeys({DATA}))\nsys.exit(main({words}))"
-        )
-        done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False, timeout=300)
-        assert done.returncode == 0, done.stderr
+    options = [*as_options(oracle(demo_session)), "--end", "0.5"]
+    without = f"import sys\nfrom posefuse.cli.main import main\nsys.modules.update(dict.fromkeys({DATA}))\n"
+    for words in (["track", str(demo_session), "--out", str(tmp_path / "a"), *options], ["report", str(tmp_path / "a")]):
+        printed("-c", f"{without}sys.exit(main({words}))", limit_s=300)
 
 
 def test_importing_posefuse_is_light() -> None:
@@ -235,3 +233,43 @@ def test_importing_posefuse_is_light() -> None:
     # what the list of plug-ins imports
     ros = "posefuse_ros.bags, posefuse_ros.dds, posefuse_ros.ros1, posefuse_ros.source, posefuse_ros.mcap_output"
     assert not modules_after(f"import {ros}") & {*OPTIONAL}
+
+
+# --- no import cycle, inside packages, functions and for type checkers either: what a module imports never leads back to it
+
+
+def graph(*roots: Path) -> dict[str, set[str]]:
+    """Module -> modules it imports anywhere; the packages a module lies in are no imports of its own."""
+    files = {
+        ".".join(path.relative_to(root).with_suffix("").parts).removesuffix(".__init__"): (path, root)
+        for root in roots
+        for path in root.rglob("*.py")
+    }
+    edges = {one: {name if name in files else module for module, name in imports(*place)} for one, place in files.items()}
+    return {one: {name for name in to & files.keys() if not f"{one}.".startswith(f"{name}.")} for one, to in edges.items()}
+
+
+def cycles(edges: Mapping[str, set[str]]) -> set[str]:
+    """Modules that lie on a cycle: what is left when those without imports are taken away, again and again, from both ends."""
+    left = set(edges)
+    while True:
+        gone = {one for one in left if not edges[one] & left or not any(one in edges[other] for other in left)}
+        if not gone:
+            return left
+        left -= gone
+
+
+def test_no_module_leads_back_to_itself() -> None:
+    assert cycles(graph(*(folder.parent for folder in PACKAGES.values()))) == set()
+
+
+def test_a_cycle_is_seen(tmp_path: Path) -> None:
+    (tmp_path / "package").mkdir()
+    for name, text in {
+        "a": "from .b import x",
+        "b": "def f():\n    from .c import x",
+        "c": "if TYPE_CHECKING:\n    from .a import x",
+        "d": "from .a import x",
+    }.items():
+        (tmp_path / "package" / f"{name}.py").write_text(text, encoding="utf-8")
+    assert cycles(graph(tmp_path)) == {"package.a", "package.b", "package.c"}

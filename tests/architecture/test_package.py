@@ -99,13 +99,18 @@ def test_the_extra_data_brings_what_netcdf_is_written_with() -> None:
     assert "h5py" in packages_of(OPTIONAL["data"])  # newer versions of h5netcdf no longer need it themselves
 
 
+def plain(name: str) -> str:
+    """A package's name as the index writes it."""
+    return re.sub(r"[-_.]+", "-", name).lower()
+
+
 def packages_of(lines: list[str]) -> set[str]:
     """The packages that these requirements name and those that they need, as far as they are installed."""
     known: set[str] = set()
     left = [Requirement(line) for line in lines]
     while left:
         one = left.pop()
-        name = re.sub(r"[-_.]+", "-", one.name).lower()
+        name = plain(one.name)
         if name in known or (one.marker and not any(one.marker.evaluate({"extra": extra}) for extra in ("", *one.extras))):
             continue
         known.add(name)
@@ -131,21 +136,11 @@ def imported_at_once(source: str) -> set[str]:
 
 def missing_without_extras(sources: dict[str, str]) -> dict[str, list[str]]:
     """Modules by file that are neither ours nor of the core or the extra `dev`."""
-    ours = {path.stem for path in (ROOT / "tests").rglob("*.py")} | {
-        "posefuse",
-        "bench",
-        "paper",
-        "tools",
-        *(name.replace("-", "_") for name in MEMBERS),
-    }
+    ours = {"posefuse", "bench", "paper", "tools", *(name.replace("-", "_") for name in MEMBERS)}
+    ours |= {path.stem for path in (ROOT / "tests").rglob("*.py")}
     there = packages_of([*PROJECT["project"]["dependencies"], *OPTIONAL["dev"]])
-    packages = {
-        module: {re.sub(r"[-_.]+", "-", one).lower() for one in names} for module, names in packages_distributions().items()
-    }
-    wrong = {
-        file: sorted(module for module in imported_at_once(source) - ours if not packages.get(module, set()) & there)
-        for file, source in sources.items()
-    }
+    known = {module for module, names in packages_distributions().items() if there & {plain(name) for name in names}}
+    wrong = {file: sorted(imported_at_once(source) - ours - known) for file, source in sources.items()}
     return {file: modules for file, modules in wrong.items() if modules}
 
 

@@ -14,14 +14,8 @@ def fields_of_settings(source: str) -> list[str]:
     """CLASS.FIELD of every class with the decorator `settings`."""
     classes = [node for node in ast.walk(ast.parse(source)) if isinstance(node, ast.ClassDef)]
     made = [one for one in classes if any(ast.unparse(mark).partition("(")[0] == "settings" for mark in one.decorator_list)]
-    return [
-        f"{one.name}.{line.target.id}"
-        for one in made
-        for line in one.body
-        if isinstance(line, ast.AnnAssign)
-        and isinstance(line.target, ast.Name)
-        and "ClassVar" not in ast.unparse(line.annotation)
-    ]
+    fields = [(one.name, line) for one in made for line in one.body if isinstance(line, ast.AnnAssign)]
+    return [f"{name}.{line.target.id}" for name, line in fields if "ClassVar" not in ast.unparse(line.annotation)]
 
 
 def is_document(path: Path) -> bool:

@@ -2,21 +2,23 @@
 
 import dataclasses
 import itertools
+import shutil
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
+import built
 import cv2
 import numpy as np
 import pytest
+from commands import oracle
 
 import posefuse as pf
 from posefuse.calibration.clocks.sync import ClockEstimate
 from posefuse.calibration.extrinsics import target as moving_target
 from posefuse.calibration.report import CalibrationReport, Check, RefusedCalibration, after
 from posefuse.calibration.targets.coverage import coverage
-from posefuse.core import SE3, Camera, Frame
-from posefuse.core.arrays import Array
+from posefuse.core import SE3, Array, Camera, Frame
 from posefuse.formats.video import VideoWriter
 from posefuse.health.background import background_of
 from posefuse.pipeline.calibration import background_of_person
@@ -42,16 +44,10 @@ class Drawn:
     def times_ns(self) -> Array:
         return np.arange(FRAMES) * PERIOD_NS
 
-    def frames(self) -> Iterator[Frame]:
-        return self.frames_from(0)
-
     def frames_from(self, begin_ns: int) -> Iterator[Frame]:
         for i in range(-(-begin_ns // PERIOD_NS), FRAMES):
             self.looks += 1
             yield self._frame(i)
-
-    def close(self) -> None:
-        pass
 
     def _frame(self, i: int) -> Frame:
         rotation = cv2.Rodrigues(np.deg2rad(self.turn_deg(i / FRAMES)))[0]
@@ -63,8 +59,7 @@ class Drawn:
         image[top : top + size, left : left + size] = self.thing
         noise = np.random.default_rng(i).normal(0, 2, image.shape)
         image = np.clip(image * (self.light if i > 40 else 1.0) + noise, 0, 255).astype(np.uint8)
-        rgb = np.repeat(image[..., None], 3, axis=2)
-        return Frame(camera="cam00", seq=i, t_ns=i * PERIOD_NS, received_ns=i * PERIOD_NS, image=rgb)
+        return built.frame("cam00", i * PERIOD_NS, np.repeat(image[..., None], 3, axis=2), seq=i)
 
 
 def _texture(random: np.random.Generator, shape: tuple[int, int]) -> Array:
@@ -152,9 +147,7 @@ def test_people_before_the_background_do_not_matter(demo_session: Path, degrees:
     np.testing.assert_allclose(angle, np.linalg.norm(degrees), atol=0.02)
 
 
-def test_cameras_that_turn_at_different_times_refuse_a_calibration_that_fits(
-    lab: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_cameras_that_turn_refuse_a_calibration_that_fits(lab: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     turns = {"cam01": step(0.7, (0, 1, 0), 0.4), "cam02": step(0.6, (1, 0, 0), 0.7)}
     videos = {name: tmp_path / f"{name}.mp4" for name in lab.rig.names}
     for name, path in videos.items():
@@ -163,13 +156,9 @@ def test_cameras_that_turn_at_different_times_refuse_a_calibration_that_fits(
             for t_ns in drawn.times_ns()[::4].tolist():
                 video.write(next(drawn.frames_from(t_ns)).image, t_ns)
     seen = lab.watch(motion=dataclasses.replace(lab.motion, seconds=2.0))
-    fits = moving_target.Calibration(
-        rig=lab.rig,
-        report=CalibrationReport("extrinsics", (Check("corners fit", True, "all"),)),
-        coverage=coverage(seen),
-        position_cov_m2=np.zeros((4, 3, 3)),
-        clocks=ClockEstimate.known(np.zeros(4), 0.0),
-    )
+    known = {"position_cov_m2": np.zeros((4, 3, 3)), "clocks": ClockEstimate.known(np.zeros(4), 0.0)}
+    report = CalibrationReport("extrinsics", (Check("corners fit", True, "all"),))
+    fits = moving_target.Calibration(rig=lab.rig, report=report, coverage=coverage(seen), **known)
     monkeypatch.setattr(moving_target, "calibrate_extrinsics", lambda *_: fits)
     arguments = {"intrinsics": lab.rig, "target": lab.target}
     assert not pf.calibrate_extrinsics(seen, **arguments).report.failed
@@ -196,16 +185,12 @@ def test_what_fails_in_the_input_and_in_the_calibration_is_refused_together() ->
 
 def test_track_warns_as_it_begins_and_the_result_keeps_it(demo_session: Path, tmp_path: Path) -> None:
     session = tmp_path / "demo"
-    (session / "videos").mkdir(parents=True)
-    for path in (demo_session / "videos").glob("*.mp4"):
-        (session / "videos" / path.name).write_bytes(path.read_bytes())
-    (session / "rig.toml").write_bytes((demo_session / "rig.toml").read_bytes())
+    shutil.copytree(demo_session, session)
     video = VideoConfig(demo_session / "videos" / "cam01.mp4", "cam01").build()
     turned = Turned(video, pf.read_rig(demo_session / "rig.toml")["cam01"], (0.0, 0.7, 0.0))
     with VideoWriter(session / "videos" / "cam01.mp4", video.size_wh, 30.0) as kept:
         for frame in itertools.islice(turned.frames_from(0), 64):
             kept.write(frame.image, frame.t_ns)
-    oracle = {"detector.name": "oracle", "detector.options.truth": str(demo_session / "truth" / "truth.npz")}
     with pytest.warns(UserWarning, match=r"background of cam01 turns by 0\.[67]\d deg .* between (0\.\d|1\.0) and 1\.[01] s"):
-        found = pf.track(session, end_s=2.0, settings=oracle)
+        found = pf.track(session, end_s=2.0, settings=oracle(demo_session))
     assert "background of cam01" in found.provenance["rig_warnings"][0]

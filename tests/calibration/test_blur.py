@@ -6,6 +6,7 @@ from typing import Any
 import cv2
 import numpy as np
 import pytest
+from calibrating import marker_page
 
 from posefuse.calibration.extrinsics.pipeline import Options
 from posefuse.calibration.extrinsics.self_checks import check_sharp
@@ -20,13 +21,9 @@ ANGLES_DEG = (0, 30, 45, 90, 120)
 def picture(place_px: float = 0.0, blur: np.ndarray | None = None) -> np.ndarray:
     """A marker, at another place in each image, before a sharp background that stays."""
     background = np.where(np.indices((240, 320)).sum(axis=0) // 20 % 2, 90, 140).astype(np.uint8)
-    marker = cv2.copyMakeBorder(
-        cv2.aruco.generateImageMarker(cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_4X4_50), 3, 90),
-        30, 30, 30, 30, cv2.BORDER_CONSTANT, value=255,
-    )  # fmt: skip
-    top, left = 45, 30 + round(place_px)
+    there = slice(45, 165), slice(30 + round(place_px), 190 + round(place_px))
     covered, drawn = np.zeros((2, *background.shape), np.float32)
-    covered[top : top + 150, left : left + 150], drawn[top : top + 150, left : left + 150] = 1.0, marker
+    covered[there], drawn[there] = 1.0, marker_page()[..., 0]
     if blur is not None:
         covered, drawn = (cv2.filter2D(layer, -1, blur) for layer in (covered, drawn))
     image = (background * (1 - covered) + drawn).astype(np.uint8)

@@ -1,6 +1,7 @@
 """Calibration from Python: the same figures as from the command line, typed results, files, refusals with their report."""
 
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -29,38 +30,43 @@ BOARD = Charuco(columns=5, rows=7, square_m=0.04, marker_m=0.03)
 REPORT = CalibrationReport("extrinsics", (Check("halves agree", True, "fine"),), numbers={"rms_px": 0.3})
 
 
-def test_recordings_are_named_by_mapping_or_by_file(tmp_path: Path) -> None:
-    assert paths_by_camera(["a/left.mp4", "b/right.mp4"]) == {"left": Path("a/left.mp4"), "right": Path("b/right.mp4")}
-    assert paths_by_camera({"cam": "a.mp4"}) == {"cam": Path("a.mp4")}
-    refusal(InputError, "two recordings are named cam", paths_by_camera, ["one/cam.mp4", "two/cam.mp4"])
-
-
 def test_a_session_folder_holds_videos_or_folders_of_images_as_track_and_the_simulator_have_them(tmp_path: Path) -> None:
     videos = tmp_path / "videos"
+    videos.mkdir()
+    (videos / "cam01.json").touch()
+    refusal(InputError, "expected videos", paths_by_camera, [str(tmp_path)])
     for name in ("cam00", "cam01"):
         (videos / name).mkdir(parents=True)
         (videos / name / "000.jpg").touch()
     (videos / "notes").mkdir()
     assert paths_by_camera(tmp_path) == {"cam00": videos / "cam00", "cam01": videos / "cam01"}
     (videos / "cam02.mp4").touch()
-    assert paths_by_camera([tmp_path])["cam02"] == videos / "cam02.mp4"
+    found = paths_by_camera([str(tmp_path), "other=x.mp4"])
+    assert list(found) == ["cam00", "cam01", "cam02", "other"] and found["cam02"] == videos / "cam02.mp4"
     (videos / "cam00.mp4").touch()
     refusal(InputError, "two recordings are named cam00", paths_by_camera, tmp_path)
 
 
+def test_a_text_names_a_recording_unless_a_file_has_that_name(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    Path("speed=3.mp4").touch()
+    assert paths_by_camera(["speed=3.mp4", "left=a=b.mp4"]) == {"speed=3": Path("speed=3.mp4"), "left": Path("a=b.mp4")}
+    assert paths_by_camera([Path("right=c.mp4")]) == {"right=c": Path("right=c.mp4")}
+    assert paths_by_camera({"cam": "a.mp4"}) == {"cam": Path("a.mp4")}
+    with pytest.raises(InputError, match="two recordings are named left; give each camera its own name, as NAME=PATH"):
+        paths_by_camera(["left=a.mp4", "videos/left.mp4"])
+
+
 def test_what_is_wrong_is_reported_before_any_work(lab: Any, tmp_path: Path) -> None:
-    with pytest.raises(InputError, match="needs a target of markers"):
-        calibrate_extrinsics(["none.mp4"], intrinsics=lab.rig, target=BOARD, floor=FloorMarker(7))
-    with pytest.raises(InputError, match="upside_down=cam1`: no such camera; there are: none"):
-        calibrate_extrinsics(["none.mp4"], intrinsics=lab.rig, target=Markers(0.1), upside_down=["cam1"])
-    with pytest.raises(InputError, match="upside_down=cam1`: no such camera; there are: cam00, cam01"):
-        calibrate_person(dict.fromkeys(lab.rig.names[:2], tmp_path), intrinsics=lab.rig, height_m=1.8, upside_down=["cam1"])
-    with pytest.raises(InputError, match="floor_side_mm=MM`: of which marker"):
-        floor_of(Markers(0.1), side_mm=650.0)
-    with pytest.raises(InputError, match=r"none\.mp4: no such video"):
-        calibrate_extrinsics(["none.mp4"], intrinsics=lab.rig, target=Markers(0.1))
-    with pytest.raises(InputError, match="do not state their frame rate"):
-        calibrate_person(dict.fromkeys(lab.rig.names[:2], tmp_path), intrinsics=lab.rig, height_m=1.8)
+    extrinsics = partial(calibrate_extrinsics, ["none.mp4"], intrinsics=lab.rig)
+    person = partial(calibrate_person, dict.fromkeys(lab.rig.names[:2], tmp_path), intrinsics=lab.rig, height_m=1.8)
+    no_camera = "upside_down=cam1`: no such camera; there are: "
+    refusal(InputError, "needs a target of markers", extrinsics, target=BOARD, floor=FloorMarker(7))
+    refusal(InputError, f"{no_camera}none", extrinsics, target=Markers(0.1), upside_down=["cam1"])
+    refusal(InputError, f"{no_camera}cam00, cam01", person, upside_down=["cam1"])
+    refusal(InputError, "floor_side_mm=MM`: of which marker", floor_of, Markers(0.1), side_mm=650.0)
+    refusal(InputError, r"none\.mp4: no such video", extrinsics, target=Markers(0.1))
+    refusal(InputError, "do not state their frame rate", person)
 
 
 def test_numbers_of_a_board_are_checked_where_it_is_printed(tmp_path: Path) -> None:
@@ -71,10 +77,8 @@ def test_numbers_of_a_board_are_checked_where_it_is_printed(tmp_path: Path) -> N
 
 @pytest.mark.slow
 def test_the_prop_of_the_laboratory_is_calibrated_saved_and_verified(lab: Any, tmp_path: Path) -> None:
-    seen, stages = lab.watch(), []
-    found = calibrate_extrinsics(
-        seen, intrinsics=lab.rig, target=lab.target, progress=lambda stage, done, total, message="": stages.append(stage)
-    )
+    seen = lab.watch()
+    found = calibrate_extrinsics(seen, intrinsics=lab.rig, target=lab.target)
     assert found.rig.names == lab.rig.names and not found.report.failed
     assert found.clocks is None and found.clock_settings == ""
     path = found.save(tmp_path / "rig.toml", report=tmp_path / "rig.html")
@@ -105,8 +109,8 @@ def test_intrinsics_and_rigs_of_twice_the_size_are_rescaled_and_it_is_said(lab: 
     checked = verify(double, seen, target=lab.target)
     assert checked.passed and note in checked.report.notes
     squeezed = replace(lab.rig, cameras=tuple(camera.scaled((640, 360)) for camera in lab.rig))
-    with pytest.raises(CalibrationError, match=r"images are 640x480 px, its calibration \(640, 360\), in other proportions"):
-        verify(squeezed, seen, target=lab.target)
+    words = r"images are 640x480 px, its calibration \(640, 360\), in other proportions"
+    refusal(CalibrationError, words, verify, squeezed, seen, target=lab.target)
 
 
 def test_a_rig_file_is_verified_with_the_clocks_next_to_it(lab: Any, tmp_path: Path) -> None:
@@ -118,8 +122,9 @@ def test_a_rig_file_is_verified_with_the_clocks_next_to_it(lab: Any, tmp_path: P
     assert found.report.numbers == stated.report.numbers and stated.report.notes == ()
     assert verify(path, seen, target=lab.target, clock_offset_s={}).report.numbers != stated.report.numbers
     here = replace(lab.rig, cameras=tuple(replace(camera, cam_from_world=SE3.identity()) for camera in lab.rig))
-    with pytest.raises(CalibrationError, match="these are intrinsics only"):
-        verify(rig_of(here).save(tmp_path / "lenses.toml"), seen, target=lab.target)
+    lenses = rig_of(here).save(tmp_path / "lenses.toml")
+    words = r"lenses\.toml: all 4 cameras are at one place: these are intrinsics only"
+    refusal(CalibrationError, words, verify, lenses, seen, target=lab.target)
 
 
 def test_a_camera_that_sees_the_marker_on_the_floor_alone_is_named(lab: Any, tmp_path: Path) -> None:
@@ -127,21 +132,17 @@ def test_a_camera_that_sees_the_marker_on_the_floor_alone_is_named(lab: Any, tmp
     with KeptVideo(tmp_path / "cam00.mp4") as video:
         for i in range(3):
             video.write(Pixels(np.full((480, 640, 3), 128, np.uint8)), i * 50_000_000)
-    patch = np.where(seen.camera == 0, floor.id, seen.patch)
-    alone = replace(seen, patch=patch, recordings=(("cam00", tmp_path / "cam00.mp4"),))
-    with pytest.raises(CalibrationError, match="camera cam00: the target is in none of"):
-        calibrate_extrinsics(alone, intrinsics=lab.rig, target=lab.target, floor=floor)
+    patch, recordings = np.where(seen.camera == 0, floor.id, seen.patch), (("cam00", tmp_path / "cam00.mp4"),)
+    alone, given = replace(seen, patch=patch, recordings=recordings), {"intrinsics": lab.rig, "target": lab.target}
+    refusal(CalibrationError, "camera cam00: the target is in none of", calibrate_extrinsics, alone, **given, floor=floor)
 
 
-def test_clock_offsets_become_settings_and_never_overwrite_them(lab: Any, tmp_path: Path) -> None:
-    late_s = np.array([0.0, 0.12, -0.05, 0.031])[: len(lab.rig)]
-    clocks = ClockEstimate.known(late_s, 0.0)
+def test_clock_offsets_are_saved_as_settings_and_shown_in_ms(lab: Any, tmp_path: Path) -> None:
+    """Which settings these are: `test_clocks_reach_the_settings_of_track_and_never_overwrite_them`."""
+    clocks = ClockEstimate.known(np.array([0.0, 0.12, -0.05, 0.031]), 0.0)
     found = ClockCalibration(rig=lab.rig, clocks=clocks, report=REPORT, frame_period_s=(0.02,) * len(lab.rig))
-    path = found.save(tmp_path / "posefuse.toml")
-    assert path is not None and "offset_s = -0.120000" in path.read_text()
-    refusal(InputError, r"posefuse\.toml", found.save, path)
-    nothing = ClockEstimate.known(0 * late_s, 0.0)
-    same = ClockCalibration(rig=lab.rig, clocks=nothing, report=REPORT, frame_period_s=found.frame_period_s)
+    refusal(InputError, r"posefuse\.toml", found.save, found.save(tmp_path / "posefuse.toml"))
+    same = replace(found, clocks=ClockEstimate.known(np.zeros(4), 0.0))
     assert same.save(tmp_path / "other.toml") is None and not (tmp_path / "other.toml").exists()
     rig = RigCalibration(rig=lab.rig, report=REPORT, clocks=clocks)
     assert rig.numbers["rms_px"] == 0.3 and rig.numbers[f"{lab.rig.names[1]}_offset_ms"] == pytest.approx(120)
@@ -165,15 +166,14 @@ def test_one_recording_gives_intrinsics_and_poses(lab: Any) -> None:
 
 
 def test_a_recording_that_does_not_carry_them_is_refused_by_name(lab: Any) -> None:
-    here = replace(lab.motion, reach_m=(0.25, 0.25, 0.2))
-    with pytest.raises(RefusedCalibration, match=r"recording carries the intrinsics: cam00: its image is covered by \d+% "):
-        calibrate_extrinsics(lab.watch(motion=here), target=lab.target, clocks="together")
+    found = partial(calibrate_extrinsics, target=lab.target, clocks="together")
+    here = lab.watch(motion=replace(lab.motion, reach_m=(0.25, 0.25, 0.2)))
+    refusal(RefusedCalibration, r"recording carries the intrinsics: cam00: its image is covered by \d+% ", found, here)
     few = lab.watch()
     few = few.rows((few.camera != 1) | (few.t_ns < np.unique(few.t_ns[few.camera == 1])[3]))
-    with pytest.raises(CalibrationError, match=r"camera cam01: \d+ views of the target, its intrinsics need at least 12"):
-        calibrate_extrinsics(few, target=lab.target, clocks="together")
-    with pytest.raises(InputError, match="needs `intrinsics=FILE` to refine"):
-        calibrate_extrinsics(lab.watch(), target=lab.target, focal_known_to_percent=1.0)
+    refusal(CalibrationError, r"camera cam01: \d+ views of the target, its intrinsics need at least 12", found, few)
+    words = "needs `intrinsics=FILE` to refine"
+    refusal(InputError, words, calibrate_extrinsics, lab.watch(), target=lab.target, focal_known_to_percent=1.0)
 
 
 def test_corners_of_one_row_of_a_board_are_no_view() -> None:

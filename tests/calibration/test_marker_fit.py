@@ -46,7 +46,6 @@ def test_markers_come_out_where_they_are_and_as_large_as_they_are(gamma: float, 
         grey = drawn(quad, (int(1.6 * side), int(1.6 * side)), blur, gamma, seed)
         rough = quad + np.random.default_rng(seed).uniform(-0.7, 0.7, (4, 2))
         found = fit_marker(grey, rough, BLACK)
-        assert found is not None
         off.append(np.abs(found - quad).max())
         growth.append(np.sqrt(area(found) / area(quad)) - 1)
     assert max(off) < (0.12 if gamma == 1 else 0.35)
@@ -59,7 +58,6 @@ def test_every_edge_of_a_large_sharp_marker_counts(side: int) -> None:
     # edges along the pixel rows: every n-th pixel may miss them, by up to its step
     quad = np.array([[0, 0], [1, 0], [1, 1], [0, 1.0]]) * side + 0.25 * side + [0.37, 0.81]
     found = fit_marker(drawn(quad, (int(1.5 * side),) * 2, 0.4, finer=3), quad + 0.6, BLACK)
-    assert found is not None
     assert np.abs(found - quad).max() < 0.2
     assert abs(float(np.sqrt(area(found) / area(quad))) - 1) < 2e-4
 
@@ -69,7 +67,6 @@ def test_a_finger_over_a_corner_moves_the_others_little() -> None:
     grey = drawn(quad, (96, 96))
     grey[int(quad[2, 1]) - 12 :, int(quad[2, 0]) - 12 :] = 150
     found = fit_marker(grey, quad + 0.5, BLACK)
-    assert found is not None
     assert np.abs(found - quad).max() < 0.3
 
 

@@ -11,11 +11,11 @@ from calibrating import differences
 
 from bench.faults.sessions import off_others_px
 from posefuse.calibration.clocks.person_tracks import person_tracks
-from posefuse.calibration.extrinsics.pipeline import Options
+from posefuse.calibration.extrinsics.pipeline import Options, RigTask, solve, starting_clocks
 from posefuse.calibration.extrinsics.target import Calibration, calibrate_extrinsics
 from posefuse.calibration.person.scale import KnownLength
 from posefuse.calibration.person.solve import calibrate_from_person
-from posefuse.calibration.person.views import PersonViews, person_views
+from posefuse.calibration.person.views import person_views
 from posefuse.calibration.report import RefusedCalibration
 from posefuse.calibration.targets.corners import CornerObservations, joined
 from posefuse.calibration.targets.detection import TargetDetector, corners_from_frames, detect_corners
@@ -45,53 +45,59 @@ def test_two_webcams_and_a_real_board(shared_data: Path, reference: Rig, board: 
 
 
 @pytest.mark.slow
-def test_webcams_unsynchronised_are_not_taken_as_synchronised(
-    board_views: CornerObservations, reference: Rig, board: Charuco
-) -> None:
-    with pytest.raises(RefusedCalibration, match=r"cause: .*the clock of cam_1 is off by \+1\d\d\.\d ms"):
-        calibrate_extrinsics(board_views, reference.cameras, board, Options(clocks="together"))
-
-
-@pytest.mark.slow
-def test_the_board_measures_right_in_the_rig_that_was_found(
-    found: Calibration, board_views: CornerObservations, board: Charuco
-) -> None:
-    measured = verify(found.rig, board_views, board, found.clocks.offset_s)
-    assert measured.report.numbers["length_rms_mm"] <= 1.2
-    assert measured.report.failed == ()
-
-
-@pytest.mark.slow
 def test_it_measures_the_board_better_than_the_reference_rig_does(
     found: Calibration, board_views: CornerObservations, reference: Rig, board: Charuco
 ) -> None:
     """The reference was made as if the webcams were synchronised, which they are not; so it is near, and less true."""
     ours = verify(found.rig, board_views, board, found.clocks.offset_s)
     theirs = verify(reference, board_views, board)
+    assert ours.report.failed == () and ours.report.numbers["length_rms_mm"] <= 1.2
     assert ours.report.numbers["length_rms_mm"] < 0.85 * theirs.report.numbers["length_rms_mm"]
     metres, radians = differences(found.rig, reference)
     assert metres.max() < 0.015
     assert np.rad2deg(radians.max()) < 0.8
 
 
-def openpose_views(folder: Path, rig: Rig) -> PersonViews:
-    folders = {name: folder / "openpose_json" / f"{name.replace('_', '')}_json" for name in rig.names}
-    return person_views(
-        person_tracks({name: list(read_openpose_folder(path, name).frames(60.0)) for name, path in folders.items()})
-    )
+@pytest.mark.slow
+def test_three_of_the_webcams_alone_confirm_the_rig_and_not_the_reference(
+    found: Calibration, board_views: CornerObservations, reference: Rig, board: Charuco
+) -> None:
+    names = ("cam_0", "cam_2", "cam_3")
+    views = joined([board_views.of_camera(name) for name in names])
+    ours, theirs = (Rig(tuple(rig[name] for name in names)) for rig in (found.rig, reference))
+    three = calibrate_extrinsics(views, theirs.cameras, board).rig
+    assert differences(three, ours)[0].max() < 0.004
+    assert differences(three, theirs)[0].max() > 0.010
+    # measured as the reference was made: every frame at its stamp
+    lengths_mm = [verify(rig, views, board).report.numbers["length_rms_mm"] for rig in (ours, theirs)]
+    assert lengths_mm[0] < 0.8 * lengths_mm[1]
 
 
-def off_px(rig: Rig, views: PersonViews) -> np.ndarray:
-    """(C, 2) median over all keypoints from what a camera saw to where the rays of the others meet."""
-    xy = np.where((views.score >= 0.5)[..., None], views.xy_img, np.nan)
-    return np.nanmedian(off_others_px(rig, xy.reshape(len(rig), -1, 2)), axis=1)
+@pytest.mark.slow
+def test_frames_the_rig_has_not_seen_measure_better_than_in_the_reference_which_has(
+    board_views: CornerObservations, reference: Rig, board: Charuco
+) -> None:
+    """The recording in five stretches, each measured in a rig made from the other four; checks would refuse some of them."""
+    fold = np.round(board_views.t_ns * 6e-9).astype(int) * 5 // 57
+    ours, theirs = [], []
+    for out in range(5):
+        task = RigTask(board_views.rows(fold != out), reference.cameras, board, Options(clocks="offset"))
+        state, left_out = solve(task, starting_clocks(task)).solution.state, board_views.rows(fold == out)
+        poses = state.cam_from_world.se3()
+        rig = Rig(tuple(replace(camera, cam_from_world=poses[i]) for i, camera in enumerate(reference)))
+        ours.append(verify(rig, left_out, board, state.delay_s[:, 0]).length_error_m)
+        theirs.append(verify(reference, left_out, board).length_error_m)
+    rms_m = [np.sqrt((np.concatenate(parts) ** 2).mean()) for parts in (ours, theirs)]
+    assert rms_m[0] < 1.0e-3 < rms_m[1]
 
 
 @pytest.mark.slow
 def test_a_person_alone_gives_the_rig_roughly(shared_data: Path) -> None:
     folder = shared_data / "pose2sim_single"
     rig = read_rig(folder / "calibration" / "Calib_qualisys.toml")
-    result = calibrate_from_person(openpose_views(folder, rig), rig.cameras, KnownLength(stature_m=1.75))
+    folders = {name: folder / "openpose_json" / f"{name.replace('_', '')}_json" for name in rig.names}
+    seen = {name: list(read_openpose_folder(path, name).frames(60.0)) for name, path in folders.items()}
+    result = calibrate_from_person(person_views(person_tracks(seen)), rig.cameras, KnownLength(stature_m=1.75))
     assert result.report.failed == ()
     metres, radians = differences(rig, result.rig, scaled=True)
     assert np.rad2deg(radians.max()) < 1.0
@@ -99,13 +105,7 @@ def test_a_person_alone_gives_the_rig_roughly(shared_data: Path) -> None:
 
 
 @pytest.mark.slow
-def test_a_person_in_videos_gives_positions_within_30_mm_and_shows_where_the_reference_is_rotated(
-    shared_data: Path, models: None
-) -> None:
-    """In the reference all keypoints of cam_01 and cam_03 lie next to the other cameras' rays by the same 20 to 35 px.
-
-    Two networks that share nothing agree on it to 8 px, and no network is off by that in every keypoint alike.
-    """
+def test_a_person_in_videos_gives_positions_within_30_mm(shared_data: Path, models: None) -> None:
     folder, length = shared_data / "pose2sim_single", KnownLength(stature_m=1.75)
     rig = read_rig(folder / "calibration" / "Calib_qualisys.toml")
     films = {name: folder / "videos" / f"{name.replace('_', '')}.mp4" for name in rig.names}
@@ -116,13 +116,10 @@ def test_a_person_in_videos_gives_positions_within_30_mm_and_shows_where_the_ref
     print(f"\n{metres * 1e3} mm, {np.rad2deg(radians)} deg")
     assert metres.max() < 0.030
     assert np.rad2deg(radians.max()) < 1.4
-    placed = Rig(tuple(replace(camera, cam_from_world=rig[camera.name].cam_from_world) for camera in cameras))
-    in_reference = [off_px(placed, views), off_px(rig, openpose_views(folder, rig))]
-    print(f"next to in the reference: {in_reference[0].round(1).tolist()} px, OpenPose {in_reference[1].round(1).tolist()} px")
-    for camera in (0, 2):
-        assert all(20 < np.linalg.norm(off[camera]) < 36 for off in in_reference)
-        assert np.linalg.norm(in_reference[0][camera] - in_reference[1][camera]) < 8
-    assert np.linalg.norm(off_px(found.rig, views), axis=1).max() < 3
+    # keypoints lie on the rays of the other cameras, in the reference 20 to 35 px off
+    xy = np.where((views.score >= 0.5)[..., None], views.xy_img, np.nan)
+    off_px = np.nanmedian(off_others_px(found.rig, xy.reshape(len(rig), -1, 2)), axis=1)
+    assert np.linalg.norm(off_px, axis=1).max() < 3
 
 
 def test_one_marker_with_foreign_lenses_is_refused_by_name(shared_data: Path, reference: Rig, tmp_path: Path) -> None:

@@ -29,7 +29,7 @@ from posefuse.calibration.targets.kinds import Charuco, Chessboard, Markers
 from posefuse.calibration.verify import verify
 from posefuse.core import SE3, CalibrationError, Rig
 from posefuse.evaluation.compare import similarity
-from posefuse.formats.rig import read_placed_rig, read_rig, write_rig
+from posefuse.formats.rig import read_rig, write_rig
 
 FEWER_STEPS = Options(time_steps=60, clocks="together")
 
@@ -62,8 +62,9 @@ def named(*trials: Freed) -> list[str]:
 def test_the_explanation_that_frees_least_among_equals_is_named() -> None:
     swapped, free = trial("names swapped", 0.3, 0), trial("intrinsics", 0.29, 12)
     assert named(free, swapped) == ["names swapped"]
-    # one that explains far more wins though it frees more
+    # one that explains far more wins though it frees more, and one that explains little is not named
     assert named(trial("turned", 2.0, 0), free) == ["intrinsics"]
+    assert named(trial("moved", 2.7, 6)) == []
 
 
 def test_two_explanations_that_cannot_be_separated_are_both_named() -> None:
@@ -73,17 +74,11 @@ def test_two_explanations_that_cannot_be_separated_are_both_named() -> None:
     assert "moved or zoomed (the images do not show which" in cause_check(found, refused).line
 
 
-def test_what_explains_little_is_not_named() -> None:
-    assert named(trial("moved", 2.7, 6)) == []
-
-
 def test_a_side_in_other_units_is_refused_before_and_after_the_solve(lab: Any) -> None:
     seen = lab.watch()
     with pytest.raises(RefusedCalibration, match=r"target has a plausible size: marker side 0\.24 mm"):
         calibrate_extrinsics(seen, lab.rig.cameras, Markers(0.24e-3), FEWER_STEPS)
-    with pytest.raises(
-        RefusedCalibration, match=r"rig has a plausible size: with a marker side of 24 mm .*`any_size=True`"
-    ) as caught:
+    with pytest.raises(RefusedCalibration, match=r"plausible size: with a marker side of 24 mm .*`any_size=True`") as caught:
         calibrate_extrinsics(seen, lab.rig.cameras, Markers(0.024), FEWER_STEPS)
     # it can be had on request, and says what it failed
     assert caught.value.kept.rig.refused == "rig has a plausible size"
@@ -109,46 +104,6 @@ def test_a_refused_rig_is_marked_in_its_file(lab: Any, tmp_path: Path) -> None:
 def test_a_length_that_cannot_be_is_refused(known: dict[str, Any], said: str) -> None:
     refusal(CalibrationError, said, KnownLength, **known)
     assert KnownLength(stature_m=1.2).stature_m == 1.2
-
-
-def test_intrinsics_alone_are_read_as_intrinsics_and_not_as_a_rig(lab: Any, tmp_path: Path) -> None:
-    write_rig(tmp_path / "lenses.toml", Rig(tuple(replace(camera, cam_from_world=SE3.identity()) for camera in lab.rig)))
-    assert read_rig(tmp_path / "lenses.toml").names == lab.rig.names
-    with pytest.raises(CalibrationError, match=r"lenses\.toml: all 4 cameras are at one place: these are intrinsics only"):
-        read_placed_rig(tmp_path / "lenses.toml")
-
-
-TARGET = Charuco(columns=4, rows=5, square_m=0.12, marker_m=0.09)
-
-
-@pytest.fixture(scope="module")
-def wall(ring_rig: Any) -> Rig:
-    """Four cameras near each other, which see the printed face together."""
-    return Rig(ring_rig(10, radius_m=3.0).cameras[:4])
-
-
-@pytest.fixture(scope="module")
-def held(wall: Rig) -> Any:
-    motion = Waving(seconds=20.0, rate_hz=8.0, reach_m=(0.7, 0.7, 0.5), swings_hz=0.2)
-    return observe_prop(wall, board(), TARGET, motion, Faults(noise_px=0.1))
-
-
-@pytest.mark.slow
-def test_the_camera_that_was_turned_is_named_with_its_turn(wall: Rig, held: Any) -> None:
-    found = verify(wall, held, TARGET)
-    assert [check.name for check in found.report.failed] == []
-    wrong = verify(turned(wall, 1, [0, np.deg2rad(1.0), 0]), held, TARGET)
-    check = next(check for check in wrong.report.failed if check.name == "cameras are where the rig has them")
-    assert check.detail.startswith("cam01 is turned by")
-    assert np.rad2deg(wrong.cameras[1].turn_rad) == pytest.approx(1.0, abs=0.1)
-    assert wrong.cameras[1].excess > 1
-
-
-def test_cameras_without_views_are_not_verified(wall: Rig, held: Any) -> None:
-    found = verify(wall, held.rows(held.camera < 2), TARGET)
-    check = next(check for check in found.report.failed if check.name == "every camera is measured")
-    assert "cam02 (0 views shared with others" in check.detail
-    assert "cam03 (0 views" in check.detail
 
 
 @pytest.mark.slow
@@ -258,8 +213,8 @@ def test_the_two_solutions_of_one_flat_marker_are_decided_by_other_views(lab: An
 def test_a_marker_too_small_to_decide_is_refused(lab: Any, ring_rig: Any) -> None:
     far, small = ring_rig(4, radius_m=6.0), Markers(0.16)
     seen = observe_prop(far, {0: SE3.identity()}, small, lab.motion, Faults(noise_px=0.4))
-    with pytest.raises(RefusedCalibration, match=r"too small to show their slant|cannot be linked"):
-        calibrate_extrinsics(seen, far.cameras, small, TOGETHER)
+    words = r"too small to show their slant|cannot be linked"
+    refusal(RefusedCalibration, words, calibrate_extrinsics, seen, far.cameras, small, TOGETHER)
 
 
 @pytest.mark.slow
@@ -285,15 +240,8 @@ def merged(a: CornerObservations, b: CornerObservations) -> CornerObservations:
     return replace(a, **{name: np.concatenate([getattr(a, name), getattr(b, name)]) for name in names})
 
 
-def in_camera(seen: CornerObservations, camera: int, **changed: np.ndarray) -> CornerObservations:
-    """Other arrays for the corners that one camera sees."""
-    mine = seen.camera == camera
-    others = {name: getattr(seen, name) for name in changed}
-    return replace(seen, **{n: np.where(mine.reshape(-1, *[1] * (a.ndim - 1)), a, others[n]) for n, a in changed.items()})
-
-
 def exchanged_markers(seen: CornerObservations) -> CornerObservations:
-    return in_camera(seen, 1, patch=np.where(np.isin(seen.patch, [1, 2]), 3 - seen.patch, seen.patch))
+    return replace(seen, patch=np.where((seen.camera == 1) & np.isin(seen.patch, [1, 2]), 3 - seen.patch, seen.patch))
 
 
 def one_stream_twice(seen: CornerObservations) -> CornerObservations:
@@ -335,9 +283,8 @@ def test_a_camera_that_is_moved_half_way_is_refused_by_name(lab: Any, plain: Cor
     cameras = list(turned(lab.rig, 2, [0, by_m / 4.5, 0]))
     cameras[2] = replace(cameras[2], cam_from_world=cameras[2].cam_from_world @ SE3([1.0, 0, 0, 0], [by_m, 0, 0]))
     after, middle_ns = lab.watch(rig=Rig(tuple(cameras))), round(lab.motion.seconds * 5e8)
-    mixed = merged(
-        plain.rows((plain.camera != 2) | (plain.t_ns < middle_ns)), after.rows((after.camera == 2) & (after.t_ns >= middle_ns))
-    )
+    before = plain.rows((plain.camera != 2) | (plain.t_ns < middle_ns))
+    mixed = merged(before, after.rows((after.camera == 2) & (after.t_ns >= middle_ns)))
     refusal(RefusedCalibration, "cam02", calibrated, lab, mixed)
 
 
@@ -352,8 +299,8 @@ def test_a_camera_that_turns_slowly_is_refused_by_name(lab: Any, plain: CornerOb
 
 @pytest.mark.slow
 def test_an_image_that_is_stated_to_be_upside_down_does_no_harm(lab: Any, plain: CornerObservations) -> None:
-    turned = in_camera(plain, 1, xy_img=np.array(lab.rig.cameras[1].size_wh) - 1 - plain.xy_img)
-    found = calibrate_extrinsics(turned, lab.rig.cameras, lab.target, TOGETHER, upside_down=("cam01",))
+    turned = np.where((plain.camera == 1)[:, None], np.array(lab.rig.cameras[1].size_wh) - 1 - plain.xy_img, plain.xy_img)
+    found = calibrate_extrinsics(replace(plain, xy_img=turned), lab.rig.cameras, lab.target, TOGETHER, upside_down=("cam01",))
     apart_m = [np.linalg.norm(np.subtract(*rig.centres_world()[:2])) for rig in (found.rig, lab.rig)]
     assert apart_m[0] == pytest.approx(apart_m[1], abs=0.005)
 
@@ -392,9 +339,8 @@ def test_unusable_input_is_refused_with_the_reason(lab: Any, plain: CornerObserv
 @pytest.mark.slow
 def test_lenses_known_to_a_per_cent_are_refined_when_asked(lab: Any, plain: CornerObservations) -> None:
     cameras = zoomed(lab.rig, 1, 1.01)
-    with pytest.raises(
-        RefusedCalibration, match=r"cam01's focal length would rather be -1\.\d%.*`focal_known_to_percent=3`"
-    ) as refused:
+    advice = r"cam01's focal length would rather be -1\.\d%.*`focal_known_to_percent=3`"
+    with pytest.raises(RefusedCalibration, match=advice) as refused:
         calibrate_extrinsics(plain, tuple(cameras), lab.target, TOGETHER)
     held = refused.value.kept
     focal = cameras[1].K[0, 0]

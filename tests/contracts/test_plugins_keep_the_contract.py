@@ -6,11 +6,10 @@ from pathlib import Path
 import built
 import numpy as np
 import pytest
-from built import recording_from_views
 from checks import assert_same, refusal
 from videos import ScriptedSource
 
-from posefuse.core import Detections2D, Frame, Kind, LivePose, LiveStart, Recording, SourceError
+from posefuse.core import Detections2D, Frame, Kind, LivePose, LiveStart, Recording, Source, SourceError
 from posefuse.core.skeleton import COCO17
 from posefuse.evaluation.contracts import ContractError, check_detector, check_live_output, check_output, check_source
 from posefuse.formats.truth import read_truth
@@ -28,10 +27,7 @@ def recording(ring_rig) -> Recording:
     xyz[2, 1, 4] = np.nan
     known = np.isfinite(xyz[..., 0])
     poses = built.poses(xyz, rate_hz=25.0, kind=np.where(known, Kind.SMOOTHED, Kind.MISSING))
-    xy = np.moveaxis(np.stack([camera.project(xyz) for camera in rig]), 0, 2)
-    return recording_from_views(
-        rig, poses, xy, np.ones(xy.shape[:-1]), np.ones(xy.shape[:-1]), {"posefuse": "test", "rig_id": rig.id}
-    )
+    return built.recording(rig, poses, score=1.0, sigma_px=1.0, posefuse="test", rig_id=rig.id)
 
 
 def test_every_plugin_of_ours_can_be_imported() -> None:
@@ -50,19 +46,16 @@ def test_sinks(name: str, recording: Recording, tmp_path: Path) -> None:
 
 
 def test_the_video_source(demo_session: Path) -> None:
-    check_source(build_plugin("sources", "video", {"path": demo_session / "videos" / "cam00.mp4", "camera": "cam00"}))
+    check_source(video(demo_session, "cam00"))
 
 
-def images(demo_session: Path, cameras: tuple[str, ...]) -> list[Frame]:
-    sources = [
-        build_plugin("sources", "video", {"path": demo_session / "videos" / f"{name}.mp4", "camera": name}) for name in cameras
-    ]
-    return [next(iter(source.frames())) for source in sources]
+def video(demo_session: Path, camera: str) -> Source:
+    return build_plugin("sources", "video", {"path": demo_session / "videos" / f"{camera}.mp4", "camera": camera})
 
 
 @pytest.mark.usefixtures("models")
 def test_the_blazepose_detector(demo_session: Path) -> None:
-    people = images(demo_session, ("cam00", "cam02"))
+    people = [next(iter(video(demo_session, camera).frames())) for camera in ("cam00", "cam02")]
     no_person = replace(people[0], image=np.full_like(people[0].image, 90))
     check_detector(build_plugin("detectors", "blazepose", {}), [*people, no_person])
 
@@ -102,16 +95,10 @@ class Guesser:
 
     def _one(self, frame: Frame, people: int) -> Detections2D:
         xy, score = np.ones((people, K, 2)), np.ones((people, K))
-        xy[:, 0], score[:, 0] = np.nan, 0.0
-        if self.fault == "invented":
-            xy[:, 0] = 0.0
-        if self.fault == "score":
-            score *= 2
-        sigma = np.zeros((people, K)) if self.fault == "sigma" else np.ones((people, K))
-        camera = "other" if self.fault == "camera" else frame.camera
-        return Detections2D(
-            camera=camera, t_ns=frame.t_ns, skeleton=COCO17, xy_img=xy, score=score, sigma_px=sigma, box_img=np.zeros((people, 4))
-        )
+        xy[:, 0], score[:, 0] = 0.0 if self.fault == "invented" else np.nan, 0.0
+        camera, sigma_px = "other" if self.fault == "camera" else frame.camera, float(self.fault != "sigma")
+        score = 2 * score if self.fault == "score" else score
+        return built.detections(camera, xy, frame.t_ns, score=score, sigma_px=sigma_px)
 
 
 def test_the_detector_check_can_fail() -> None:
@@ -144,18 +131,11 @@ class Writer:
 
 
 def test_the_sink_check_can_fail(recording: Recording, tmp_path: Path) -> None:
-    for fault, rule in (
-        ("", ""),
-        ("empty", "not empty"),
-        ("unnamed", "not named: \\['b.txt'\\]"),
-        ("silent", "returns the files"),
-    ):
-        folder = tmp_path / (fault or "good")
-        folder.mkdir()
-        if not fault:
-            check_output(Writer(), recording, folder)
-            continue
-        refusal(ContractError, rule, check_output, Writer(fault), recording, folder)
+    for fault, rule in (("empty", "not empty"), ("unnamed", "not named: \\['b.txt'\\]"), ("silent", "returns the files")):
+        (tmp_path / fault).mkdir()
+        refusal(ContractError, rule, check_output, Writer(fault), recording, tmp_path / fault)
+    (tmp_path / "good").mkdir()
+    check_output(Writer(), recording, tmp_path / "good")
 
 
 # what an output cannot do without, and the package that must be there
@@ -246,14 +226,8 @@ def test_the_checks_that_tests_share_can_fail() -> None:
     one = built.pose(np.zeros((1, K, 3)))
     assert_same(one, built.pose(np.zeros((1, K, 3))))
     bit, gap = one.xyz_world + 1e-300, np.where(np.arange(K)[:, None] == 3, np.nan, one.xyz_world)
-    others = [
-        replace(one, t_ns=1),
-        replace(one, xyz_world=bit),
-        replace(one, xyz_world=gap),
-        built.pose(np.zeros((2, K, 3))),
-        None,
-    ]
-    for other in others:
+    changes = ({"t_ns": 1}, {"xyz_world": bit}, {"xyz_world": gap})
+    for other in (*(replace(one, **change) for change in changes), built.pose(np.zeros((2, K, 3))), None):
         with pytest.raises(AssertionError):
             assert_same([one], [other])
     for text in ("two\nlines", "another word"):

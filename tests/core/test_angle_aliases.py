@@ -9,9 +9,8 @@ from checks import refusal
 
 from posefuse.core import InputError, JointAngles
 from posefuse.core.joint_angles import OPENSIM
-from posefuse.formats.truth import read_truth
-from posefuse.kinematics import joints_from_poses
-from posefuse.kinematics.definitions import JOINTS
+from posefuse.formats import read_truth
+from posefuse.kinematics import JOINTS, joints_from_poses
 
 
 def test_every_alias_is_a_defined_angle() -> None:

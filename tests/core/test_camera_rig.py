@@ -1,6 +1,8 @@
 """Cameras and rigs: projection, crops and scales, and every guard."""
 
+import re
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -9,13 +11,8 @@ from checks import refusal
 from posefuse.core import SE3, CalibrationError, Camera, Rig
 
 K = np.array([[500.0, 0, 319.5], [0, 510.0, 239.5], [0, 0, 1]])
-CAMERA = Camera(
-    name="a",
-    size_wh=(640, 480),
-    K=K,
-    cam_from_world=SE3.from_rotvec([0.1, -0.3, 0.2], [0.2, -0.1, 4.0]),
-    distortion=np.array([-0.1, 0.02, 0.001, 0.0]),
-)
+POSE, LENS = SE3.from_rotvec([0.1, -0.3, 0.2], [0.2, -0.1, 4.0]), np.array([-0.1, 0.02, 0.001, 0.0])
+CAMERA = Camera(name="a", size_wh=(640, 480), K=K, cam_from_world=POSE, distortion=LENS)
 POINTS = np.random.default_rng(3).uniform(-0.7, 0.7, (5, 2, 3))
 
 
@@ -62,6 +59,8 @@ def test_picking_and_naming() -> None:
     assert rig.only(["b", "a"]).names == ("b", "a")
     assert rig.renamed({"a": "front"}).names == ("front", "b")
     refusal(CalibrationError, "no camera 'c'; there are: a, b", lambda: rig["c"])
+    refusal(CalibrationError, "at least 1", Rig, ())
+    refusal(CalibrationError, "got twice: a", Rig, (CAMERA, CAMERA))
 
 
 @pytest.mark.parametrize(
@@ -85,6 +84,26 @@ def test_a_camera_that_cannot_be_right_is_refused_by_name(change: dict, message:
     refusal(CalibrationError, message, replace, CAMERA, **change)
 
 
-def test_a_rig_needs_cameras_with_different_names() -> None:
-    refusal(CalibrationError, "at least 1", Rig, ())
-    refusal(CalibrationError, "got twice: a", Rig, (CAMERA, CAMERA))
+# --- docs/conventions.md projects one point by hand; here the code does, with the numbers read from the page
+
+
+PAGE = (Path(__file__).resolve().parents[2] / "docs" / "conventions.md").read_text(encoding="utf-8")
+
+
+def numbers(pattern: str) -> list[float]:
+    found = re.search(pattern, PAGE)
+    assert found, f"docs/conventions.md no longer says {pattern!r}"
+    return [float(x) for x in re.findall(r"-?\d+\.?\d*", found.group(1))]
+
+
+def test_the_page_and_the_code_project_the_same_point() -> None:
+    centre = np.array(numbers(r"centre_world\s+= (\(.*?\))"))
+    world_axes = np.array([[0.0, 1, 0], [0, 0, -1], [-1, 0, 0]])
+    fx, fy, cx, cy = (numbers(rf"{name} = (-?\d+\.?\d*)")[0] for name in ("fx", "fy", "cx", "cy"))
+    pose, distortion = SE3.from_matrix(world_axes, -world_axes @ centre), np.array([numbers(r"k1 = (\d+\.\d+)")[0], 0, 0, 0])
+    K = np.array([[fx, 0, cx], [0, fy, cy], [0, 0, 1]])
+    camera = Camera(name="page", size_wh=(640, 480), K=K, cam_from_world=pose, distortion=distortion)
+    point = np.array(numbers(r"`xyz_world = (\(.*?\))`"))
+    assert np.allclose(camera.cam_from_world @ point, numbers(r"`xyz_cam = (\(.*?\))`"))
+    assert np.allclose(camera.norm_from_px(camera.project(point)), numbers(r"`xy_norm = (\(.*?\))`"))
+    assert np.allclose(camera.project(point), numbers(r"`xy_img = (\(.*?\))`"))

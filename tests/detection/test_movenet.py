@@ -6,16 +6,13 @@ import numpy as np
 import pytest
 from commands import figures
 
-from posefuse.core import ModelError, Region
-from posefuse.core.skeleton import mirror_name
+from posefuse.core import ModelError
 from posefuse.detection.boxes import keypoints_of
 from posefuse.detection.card import OnnxCard, needed_cards, read_card
-from posefuse.detection.crops import input_crop_from_img, warp_to_input
 from posefuse.detection.decode import keypoints_from_movenet
 from posefuse.detection.engines import OnnxNetwork
 from posefuse.detection.files import Trust, fetch_all
 from posefuse.foundation.places import default_cache_dir
-from posefuse.sources import VideoConfig
 
 # y, x, score of all keypoints that TensorFlow.js 4.22 computes from the same two files for the image of `noise_image`
 FROM_TFJS = {
@@ -77,24 +74,3 @@ def test_its_name_is_all_that_track_needs(
     options = ["--networks", name, "--end", "1.0", "--outputs", "trc"]
     found = figures(capsys, "track", demo_session, "--out", tmp_path / "out", *options)
     assert found["network"] == name and found["mpjpe_mm"] < 35
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("name", FROM_TFJS)
-def test_mirror_images_agree(name: str, demo_session: Path) -> None:
-    """Keypoints of a person and of the mirror image, whose left is the person's right: they lie about the middle of the crop,
-    within what tells the origin from the pixel's corner (0.6 px)."""
-    card, path = read_card(name, OnnxCard), fetched(name)
-    side, body = card.input.size_wh[0], card.skeleton
-    mirrored = body.indices([mirror_name(keypoint) for keypoint in body.keypoints])
-    network = OnnxNetwork(card, path, "cpu", "f32", 1)
-    off_px = []
-    for camera in ("cam00", "cam01", "cam02", "cam03"):
-        for frame in list(VideoConfig(demo_session / "videos" / f"{camera}.mp4", camera).build().frames())[::25]:
-            region = Region(centre_img=np.array(frame.size_wh) / 2, side_px=float(max(frame.size_wh)))
-            crop = warp_to_input(frame.image, input_crop_from_img(region, (side, side)), card.input)
-            seen, other = (keypoints_of(card, outputs) for outputs in network([crop, np.ascontiguousarray(crop[:, ::-1])]))
-            sure = (seen.score[0] > 0.4) & (other.score[0, mirrored] > 0.4)
-            off_px += [seen.xy[0, sure, 0] + other.xy[0, mirrored, 0][sure] - (side - 1)]
-    off = np.concatenate(off_px)
-    assert len(off) > 200 and abs(np.median(off)) < 0.4

@@ -19,12 +19,9 @@ def truth(ring_rig) -> Truth:
     t_ns = np.arange(FRAMES) * 33_000_000
     body = rng.uniform([-0.3, -0.3, 0.2], [0.3, 0.3, 1.7], (len(BODY), 3))
     xyz = body + np.array([[-1.2, 0, 0], [1.2, 0.3, 0]])[:, None] + rng.normal(0, 0.02, (FRAMES, 1, 1, 3))
-    views = tuple(
-        CameraTruth(
-            camera=camera.name, t_ns=t_ns, xy_img=camera.project(xyz), visible=rng.random((FRAMES, PEOPLE, len(BODY))) < 0.8
-        )
-        for camera in rig
-    )
+    visible = rng.random((len(rig), FRAMES, PEOPLE, len(BODY))) < 0.8
+    seen = zip(rig, visible, strict=True)
+    views = tuple(CameraTruth(camera=one.name, t_ns=t_ns, xy_img=one.project(xyz), visible=there) for one, there in seen)
     return Truth(rig=rig, t_ns=t_ns, skeleton=BODY, person_id=np.arange(PEOPLE), xyz_world=xyz, views=views)
 
 
@@ -75,11 +72,7 @@ def test_a_region_asks_for_the_person_in_it(truth):
     oracle = OracleDetector(truth, OracleNoise(sigma_px=1.0))
     view = truth.views[0]
     middles = view.xy_img[4].mean(1)
-    regions = [
-        Region(centre_img=middles[1], side_px=200.0),
-        Region(centre_img=middles[0], side_px=200.0),
-        Region(centre_img=np.array([-900.0, -900.0]), side_px=100.0),
-    ]
+    regions = [Region(centre_img=at, side_px=200.0) for at in (middles[1], middles[0], np.array([-900.0, -900.0]))]
     (seen,) = oracle.detect([frame(view.camera, int(view.t_ns[4]))], [regions])
     assert np.abs(seen.xy_img[0] - view.xy_img[4, 1]).max() < 25
     assert np.abs(seen.xy_img[1] - view.xy_img[4, 0]).max() < 25

@@ -7,14 +7,8 @@ import numpy as np
 import pytest
 
 from posefuse.core import SE3, SKELETONS, Region
-from posefuse.detection.crops import (
-    crop_from_img,
-    img_from_crop,
-    region_from_keypoints,
-    region_from_pose,
-    square_crop,
-    up_angle_rad,
-)
+from posefuse.detection import region_from_keypoints, region_from_pose, up_angle_rad
+from posefuse.detection.crops import crop_from_img, img_from_crop, square_crop
 
 BODY = SKELETONS["blazepose33"]
 
@@ -22,13 +16,8 @@ BODY = SKELETONS["blazepose33"]
 def person_px(rng: np.random.Generator) -> np.ndarray:
     """Keypoints of a person roughly upright, 300 px tall."""
     xy = rng.uniform([-60, -150], [60, 150], (len(BODY), 2))
-    for name, place in {
-        "left_hip": (20, 0),
-        "right_hip": (-20, 3),
-        "left_shoulder": (28, -90),
-        "right_shoulder": (-25, -88),
-    }.items():
-        xy[BODY.index(name)] = place
+    names = ("left_hip", "right_hip", "left_shoulder", "right_shoulder")
+    xy[BODY.indices(names)] = [(20, 0), (-20, 3), (28, -90), (-25, -88)]
     return xy + [400, 300]
 
 
@@ -65,13 +54,15 @@ def test_missing_keypoints_are_left_out_and_too_few_give_no_region():
     assert region_from_keypoints(partly, BODY) is None
 
 
-def test_without_a_spine_up_is_gravity(ring_rig):
+@pytest.mark.parametrize("roll_rad", [0.0, 0.5, -2.0])
+def test_without_a_spine_up_is_gravity(ring_rig, roll_rad):
     camera = ring_rig(3).cameras[1]
-    rolled = replace(camera, cam_from_world=SE3.from_rotvec([0, 0, 0.5], [0, 0, 0]) @ camera.cam_from_world)
+    rolled = replace(camera, cam_from_world=SE3.from_rotvec([0, 0, roll_rad], [0, 0, 0]) @ camera.cam_from_world)
     rng = np.random.default_rng(6)
     xyz = rng.uniform([-0.3, -0.3, 0.1], [0.3, 0.3, 1.7], (len(BODY), 3))
     xyz[BODY.indices(["left_shoulder", "right_shoulder"])] = np.nan
-    assert region_from_pose(rolled, xyz, BODY).angle_rad == pytest.approx(0.5, abs=0.05)
+    assert region_from_pose(rolled, xyz, BODY).angle_rad == pytest.approx(roll_rad, abs=0.05)
+    assert up_angle_rad(rolled) == pytest.approx(roll_rad, abs=1e-9)
 
 
 def test_a_pose_gives_the_region_of_its_projection(ring_rig):
@@ -82,13 +73,6 @@ def test_a_pose_gives_the_region_of_its_projection(ring_rig):
     behind = xyz + 3 * (camera.centre_world - xyz.mean(0))
     assert region_from_pose(camera, behind, BODY) is None
     assert region_from_pose(camera, np.full_like(xyz, np.nan), BODY) is None
-
-
-@pytest.mark.parametrize("roll_rad", [0.0, 0.3, -2.0])
-def test_up_of_a_rolled_camera(ring_rig, roll_rad):
-    camera = ring_rig(4).cameras[2]
-    rolled = replace(camera, cam_from_world=SE3.from_rotvec([0, 0, roll_rad], [0, 0, 0]) @ camera.cam_from_world)
-    assert up_angle_rad(rolled) == pytest.approx(roll_rad, abs=1e-9)
 
 
 @pytest.mark.parametrize(("side_px", "angle_rad"), [(100.0, 0.0), (300.0, 0.7), (900.0, -2.1), (1500.0, 0.3)])
@@ -102,12 +86,6 @@ def test_a_crop_shows_a_spot_at_its_mapped_position(side_px, angle_rad):
     at_y, at_x = np.mgrid[0:256, 0:256]
     seen = np.array([(crop * at_x).sum(), (crop * at_y).sum()]) / crop.sum()
     assert np.allclose(img_from_crop(region, 256, seen), spot, atol=0.15 * max(1, side_px / 256))
-
-
-def test_outside_the_image_is_black():
-    image = np.full((100, 120, 3), 200, np.uint8)
-    assert not square_crop(image, Region(centre_img=np.array([-500.0, 50.0]), side_px=300.0), 256).any()
-    assert square_crop(image, Region(centre_img=np.array([60.0, 50.0]), side_px=60.0), 256).min() == 200
 
 
 def three_channels(image: np.ndarray, region: Region, side_px: int) -> np.ndarray:

@@ -5,41 +5,37 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from built import random_detections
 from checks import assert_same, refusal
 
-from posefuse.core import DetectionBatch, Detections2D, InputError, LookKind
+from posefuse.core import DetectionBatch, InputError, LookKind
 from posefuse.core.skeleton import COCO17
 from posefuse.formats.detection_log import ObservationLog, is_in_use, read_log
 
-K, NAMES = len(COCO17), ("cam00", "cam01")
+NAMES = ("cam00", "cam01")
 
 
 def batch(step: int, kind: LookKind = LookKind.EXPECTED) -> DetectionBatch:
     rng = np.random.default_rng(step)
-    found = []
-    for c, name in enumerate(NAMES[: step % 3]):
-        xy, score, sigma, box = (rng.normal(size=(c + 1, *shape)) for shape in ((K, 2), (K,), (K,), (4,)))
-        t_ns = step * 100 + c
-        cues = {"clothing_lab": rng.normal(size=(c + 1, 3, 3)), "track_id": rng.integers(-1, 9, c + 1)}
-        found.append(
-            Detections2D(camera=name, t_ns=t_ns, skeleton=COCO17, xy_img=xy, score=score, sigma_px=sigma, box_img=box, **cues)
-        )
-    return DetectionBatch(step=step, t_ns=step * 100, kind=kind, detections=tuple(found))
+    found = tuple(random_detections(rng, name, step * 100 + c, c + 1) for c, name in enumerate(NAMES[: step % 3]))
+    return DetectionBatch(step=step, t_ns=step * 100, kind=kind, detections=found)
 
 
 def opened(path: Path, keep: int = 0) -> ObservationLog:
     return ObservationLog(path, skeleton=COCO17, camera_names=NAMES, made_with={"rig": "abc"}, keep=keep)
 
 
-@pytest.fixture
-def log(tmp_path: Path) -> Path:
-    path = tmp_path / "detections.log"
-    writer = opened(path)
-    for step in range(6):
-        writer.append(batch(step))
-    writer.append(batch(5, LookKind.SEARCH))
+def written(path: Path, *batches: DetectionBatch, keep: int = 0) -> Path:
+    writer = opened(path, keep)
+    for one in batches:
+        writer.append(one)
     writer.close()
     return path
+
+
+@pytest.fixture
+def log(tmp_path: Path) -> Path:
+    return written(tmp_path / "detections.log", *map(batch, range(6)), batch(5, LookKind.SEARCH))
 
 
 def test_every_record_comes_back(log: Path) -> None:
@@ -54,15 +50,9 @@ def test_depth_of_some_cameras_comes_back_and_the_others_cost_nothing(tmp_path: 
     depth = np.random.default_rng(3).uniform(1, 4, (*plain.detections[1].score.shape, 2))
     depth[0, :4] = np.nan
     deep = replace(plain.detections[1], depth_m=depth)
-    path = tmp_path / "deep.log"
-    writer = opened(path)
-    for step in range(5):
-        writer.append(batch(step))
-    writer.append(replace(plain, detections=(plain.detections[0], deep)))
-    writer.close()
+    path = written(tmp_path / "deep.log", *map(batch, range(5)), replace(plain, detections=(plain.detections[0], deep)))
     got = read_log(path)
     assert got.batches[5].detections[0].depth_m is None
-    assert got.batches[5].detections[1].depth_m is not None
     np.testing.assert_array_equal(got.batches[5].detections[1].depth_m, deep.depth_m)
     # up to the first record with depth, the file is what it is without
     assert path.read_bytes()[: got.ends[4]] == log.read_bytes()[: got.ends[4]]
@@ -91,10 +81,7 @@ def test_writing_continues_after_the_whole_time_steps(log: Path) -> None:
     before = log.read_bytes()
     batches, keep = read_log(log).whole_steps()
     assert [one.step for one in batches] == [0, 1, 2, 3, 4]
-    writer = opened(log, keep)
-    writer.append(batch(5))
-    writer.append(batch(5, LookKind.SEARCH))
-    writer.close()
+    written(log, batch(5), batch(5, LookKind.SEARCH), keep=keep)
     assert log.read_bytes() == before
 
 

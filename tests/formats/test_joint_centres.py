@@ -31,7 +31,6 @@ def test_a_table_is_read_as_it_was_written(tmp_path: Path) -> None:
 @pytest.mark.parametrize("card", ["blazepose_lite", "blazepose_full", "blazepose_heavy", "blazepose_best"])
 def test_the_tables_of_the_package_are_as_the_fit_writes_them(card: str) -> None:
     path = read_card(card, Card).joint_centres_file
-    assert path is not None
     table = read_joint_centres(path)
     assert joint_centres_text(table) == path.read_text(encoding="utf-8")
     assert table.made_by.startswith(f"{card}, fitted to 40 simulated bodies") and len(table.made_by) < 70

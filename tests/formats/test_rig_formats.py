@@ -7,6 +7,7 @@ from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
 from checks import refusal
@@ -46,17 +47,9 @@ def rigs(draw: st.DrawFn) -> Rig:
         K = np.array([[fx, rng.normal(), rng.uniform(100, 900)], [0, fx * rng.uniform(0.7, 1.4), 377.7], [0, 0, 1]])
         pose = SE3(rng.normal(size=4), rng.normal(size=3) * 5)
         lens = rng.normal(size=count) * 0.02
-        cameras.append(
-            Camera(
-                name=f"cam_{i}",
-                size_wh=(1280, 720 + i),
-                K=K,
-                cam_from_world=pose,
-                distortion=lens,
-                model="fisheye" if is_fisheye else "pinhole",
-                readout_s=draw(st.sampled_from([0.0, 0.0123])),
-            )
-        )
+        sensor = {"size_wh": (1280, 720 + i), "readout_s": draw(st.sampled_from([0.0, 0.0123]))}
+        model = "fisheye" if is_fisheye else "pinhole"
+        cameras.append(Camera(name=f"cam_{i}", K=K, cam_from_world=pose, distortion=lens, model=model, **sensor))
     residual_px, refused = draw(st.sampled_from([float("nan"), 0.375])), draw(st.sampled_from(["", "halves agree"]))
     return Rig(tuple(cameras), world_set_by='a test: "quoted"', residual_px=residual_px, refused=refused)
 
@@ -102,22 +95,13 @@ def test_rig_files_are_named_toml(tmp_path: Path, ring_rig: Callable[..., Rig]) 
     assert not list(tmp_path.iterdir())
 
 
-def test_toml_has_what_anipose_and_pose2sim_need(tmp_path: Path, ring_rig: Callable[..., Rig]) -> None:
+def test_toml_has_what_anipose_and_pose2sim_need_and_turns_as_in_opencv(tmp_path: Path, ring_rig: Callable[..., Rig]) -> None:
     rig = ring_rig(3, distortion=(0.1, -0.05, 0.001, 0.002))
     write_rig(tmp_path / "rig.toml", rig)
     tables = tomllib.loads((tmp_path / "rig.toml").read_text())
-    assert list(tables) == ["cam00", "cam01", "cam02", "metadata"]
-    assert set(tables["cam01"]) >= {"name", "size", "matrix", "distortions", "rotation", "translation", "fisheye"}
-    assert tables["cam01"]["size"] == [640, 480]
-    assert np.shape(tables["cam01"]["rotation"]) == (3,)
-    assert set(tables["metadata"]) >= {"adjusted", "error"}
-
-
-def test_a_rotation_vector_turns_as_in_opencv(tmp_path: Path, ring_rig: Callable[..., Rig]) -> None:
-    cv2 = pytest.importorskip("cv2")
-    rig = ring_rig(3, distortion=(0.1, -0.05, 0.001, 0.002))
-    write_rig(tmp_path / "rig.toml", rig)
-    table = tomllib.loads((tmp_path / "rig.toml").read_text())["cam01"]
+    assert list(tables) == ["cam00", "cam01", "cam02", "metadata"] and set(tables["metadata"]) >= {"adjusted", "error"}
+    table = tables["cam01"]
+    assert set(table) >= {"name", "size", "fisheye"} and table["size"] == [640, 480]
     points = np.array([[0.3, -0.2, 1.1], [0.5, 0.4, 0.2]])
     parts = (np.array(table[key], float) for key in ("rotation", "translation", "matrix", "distortions"))
     seen, _ = cv2.projectPoints(points, *parts)
@@ -128,17 +112,15 @@ def test_a_rotation_vector_turns_as_in_opencv(tmp_path: Path, ring_rig: Callable
 @pytest.mark.parametrize("ending", ["yaml", "json"])
 def test_we_read_opencvs_files(tmp_path: Path, ring_rig: Callable[..., Rig], ending: str, shape: tuple[int, ...]) -> None:
     """OpenCV 5 writes vectors of one dimension as another kind of matrix."""
-    cv2 = pytest.importorskip("cv2")
     rig = ring_rig(3, distortion=(1e-5, -0.05, 1e-7, 0.002, 0.03))
     (tmp_path / "cameras").mkdir()
     for camera in rig:
+        pose = camera.cam_from_world
+        vectors = {"distCoeffs": camera.distortion, "rvec": pose.rotvec(), "tvec": pose.xyz}
+        sensor = {"image_width": camera.size_wh[0], "image_height": camera.size_wh[1], "cameraMatrix": camera.K}
         storage = cv2.FileStorage(str(tmp_path / "cameras" / f"{camera.name}.{ending}"), cv2.FILE_STORAGE_WRITE)
-        storage.write("image_width", camera.size_wh[0])
-        storage.write("image_height", camera.size_wh[1])
-        storage.write("cameraMatrix", camera.K)
-        storage.write("distCoeffs", camera.distortion.reshape(shape))
-        storage.write("rvec", camera.cam_from_world.rotvec().reshape(shape))
-        storage.write("tvec", camera.cam_from_world.xyz.reshape(shape))
+        for name, value in (sensor | {name: vector.reshape(shape) for name, vector in vectors.items()}).items():
+            storage.write(name, value)
         storage.release()
     assert read_rig(tmp_path / "cameras").id == rig.id
 
@@ -150,37 +132,8 @@ def test_pose2sims_toml_and_qualisys_original_are_one_rig(shared_data: Path) -> 
         assert one.size_wh == other.size_wh
         np.testing.assert_allclose(one.K, other.K, rtol=1e-12)
         np.testing.assert_allclose(one.cam_from_world.matrix4(), other.cam_from_world.matrix4(), atol=1e-12)
-        # Pose2Sim divides the distortion by 64 as well; the board test below says which is right
+        # Pose2Sim divides the distortion by 64 as well; `test_real_chessboards_give_the_reference_lens` says which is right
         np.testing.assert_allclose(one.distortion * 64, other.distortion, rtol=1e-12)
-
-
-@pytest.mark.slow
-def test_qualisys_distortion_is_what_a_board_shows(shared_data: Path) -> None:
-    """Calibrating from photographs through the same lenses gives the file's coefficients, not a 64th of them."""
-    import cv2
-
-    folder = shared_data / "pose2sim_single" / "calibration"
-    rig = read_rig(folder / "Calib.qca.txt")
-    board = np.zeros((28, 3), np.float32)
-    board[:, :2] = np.mgrid[0:7, 0:4].T.reshape(-1, 2) * 0.06
-    for name in ("cam02", "cam03", "cam04"):
-        corners = []
-        for path in sorted((folder / "intrinsics" / f"int_{name}_img").glob("*.jpg")):
-            found, xy = cv2.findChessboardCornersSB(cv2.imread(str(path), 0), (7, 4), flags=cv2.CALIB_CB_EXHAUSTIVE)
-            corners += [xy] if found else []
-        flags = cv2.CALIB_USE_INTRINSIC_GUESS | cv2.CALIB_FIX_K3 | cv2.CALIB_FIX_PRINCIPAL_POINT
-        _, _, lens, _, _ = cv2.calibrateCamera(
-            [board] * len(corners), corners, rig[name].size_wh, rig[name].K.copy(), np.zeros(4), flags=flags
-        )
-        np.testing.assert_allclose(lens.ravel()[0], rig[name].distortion[0], atol=0.01)
-        np.testing.assert_allclose(lens.ravel()[1], rig[name].distortion[1], atol=0.03)
-
-
-def test_caliscopes_own_file(shared_data: Path) -> None:
-    rig = read_rig(shared_data / "caliscope" / "post_optimization" / "camera_array.toml")
-    assert rig.names == ("cam_0", "cam_1", "cam_2", "cam_3")
-    np.testing.assert_allclose(rig["cam_2"].cam_from_world.xyz, [-0.23847883889454596, 0.18461082840729343, 1.1682943900670697])
-    assert rig["cam_0"].distortion[4] == 0.0665682301495769
 
 
 @pytest.mark.parametrize("path", sorted(GOLDEN.glob("rig*")) + [GOLDEN / "camera_array.toml"], ids=lambda path: path.name)
@@ -203,9 +156,7 @@ BENT = [[1.0, 0.01, 0], [0, 1.0, 0], [0, 0, 1.0]]
         ("rig.toml", "size = [640, 480]", "", r"camera cam00: size is missing; there are: name, matrix"),
         ("rig.toml", "size = [640, 480]", "size = [640.5, 480]", r"camera cam00: size: expected whole px, got 640.5 x 480"),
         ("rig.toml", "size = [640, 480]", "size = [640]", r"camera cam00: size: expected 2 numbers, got shape \(1,\)"),
-        ("rig.toml", "size = [640, 480]", "size = [0, 480]", r"camera cam00: .* image size of at least 1x1 px, got 0x480"),
         ("rig.toml", "576.0", "nan", r"camera cam00: matrix: expected finite numbers, got NaN"),
-        ("rig.toml", "576.0", "-576.0", r"camera cam00: K: expected .* fx, fy > 0"),
         ("rig.toml", "576.0", '"a"', r"camera cam00: matrix: expected numbers"),
         ("rig.toml", "[0.0, 0.0, 1.0]]", "[0.0, 0.0]]", r"camera cam00: matrix: expected numbers"),
         ("rig.toml", "distortions = [0.1, ", "distortions = [", r"\(pinhole\): .* 4, 5, 8, 12, 14 coefficients, got 3"),
@@ -224,12 +175,7 @@ BENT = [[1.0, 0.01, 0], [0, 1.0, 0], [0, 0, 1.0]]
         ("rig.yaml", "image_width", "width_of_image", r"camera cam_0: image_width or width is missing"),
         ("rig.yaml", "R: !!opencv", "X: !!opencv", r"camera cam_0: R or rvec or .* is missing"),
         ("rig.yaml", "camera_matrix: ", "camera_matrix: }{ ", r"cannot be parsed"),
-        (
-            "camera_array.toml",
-            "rotation = [[",
-            "rotation = [[9.0, 0, 0], [0, 1, 0], [0, 0, 1]]\nold = [[",
-            r"camera cam_0: rotation: not a rotation",
-        ),
+        ("camera_array.toml", "rotation = [[", "rotation = [[9.0, 0], [0, 1]]\nold = [[", r"camera cam_0: rotation: .*got shape"),
         ("rig_ros/cam_0.yaml", "tf:", "pose:", r"cam_0.yaml: camera cam_0: has no pose; .*TransformStamped"),
         ("rig_ros/cam_0.yaml", "plumb_bob", "pinecone", r"distortion_model: expected one of plumb_bob, .*, got 'pinecone'"),
         ("rig_ros/cam_0.yaml", "w: ", "w: 1", r"tf: rotation: expected a unit quaternion"),
@@ -253,18 +199,18 @@ def test_a_file_that_cannot_be_right_is_refused_by_file_camera_and_fault(
     assert path.name in refusal(CalibrationError, message, read_rig, read)
 
 
-@pytest.mark.parametrize(("matrix", "message"), [(MIRROR, "mirrored"), (BENT, "not a rotation matrix"), (np.eye(4), "got shape")])
+@pytest.mark.parametrize(("matrix", "message"), [(MIRROR, "mirrored"), (BENT, "not a rotation matrix")])
 def test_matrices_that_are_no_rotation(tmp_path: Path, ring_rig: Callable[..., Rig], matrix: list, message: str) -> None:
-    content = json.loads((GOLDEN / "rig.json").read_text())
+    content, path = json.loads((GOLDEN / "rig.json").read_text()), tmp_path / "rig.json"
     for good in (np.eye(3), np.round(ring_rig(1).cameras[0].cam_from_world.matrix(), 5)):
         content["cam_0"]["R"] = good.tolist()
-        (tmp_path / "rig.json").write_text(json.dumps(content))
-        got = read_rig(tmp_path / "rig.json").cameras[0].cam_from_world.matrix()
+        path.write_text(json.dumps(content))
+        got = read_rig(path).cameras[0].cam_from_world.matrix()
         np.testing.assert_allclose(got, good, atol=2e-5)
         np.testing.assert_allclose(got @ got.T, np.eye(3), atol=1e-14)
-    content["cam_0"]["R"] = np.asarray(matrix).tolist()
-    (tmp_path / "rig.json").write_text(json.dumps(content))
-    refusal(CalibrationError, rf"camera cam_0: rotation: .*{message}", read_rig, tmp_path / "rig.json")
+    content["cam_0"]["R"] = matrix
+    path.write_text(json.dumps(content))
+    refusal(CalibrationError, rf"camera cam_0: rotation: .*{message}", read_rig, path)
 
 
 @pytest.mark.parametrize(
@@ -304,7 +250,7 @@ def room(ring_rig: Callable[..., Rig]) -> Rig:
 def test_poses_that_mean_something_else_are_named_before_tracking(words: str, room: Rig) -> None:
     rig, read = room, READINGS[words]
     assert rig_warnings("rig.toml", rig) == ()
-    every = Rig(tuple(replace(camera, cam_from_world=read(camera.cam_from_world)) for camera in rig))
+    every = replace(rig, cameras=tuple(replace(camera, cam_from_world=read(camera.cam_from_world)) for camera in rig))
     assert any(f"would if the file held {words}" in line for line in rig_warnings("rig.toml", every))
 
 
@@ -326,9 +272,7 @@ def test_a_world_that_does_not_stand_upright_is_named(turn: list[float], axis: s
     assert f"up in the images is {axis} of the world; expected Z" in line
 
 
-def test_a_principal_point_outside_of_the_image_is_a_cropped_sensor_where_the_file_states_it(
-    tmp_path: Path, ring_rig: Callable[..., Rig]
-) -> None:
+def test_a_principal_point_outside_of_the_image_must_be_stated(tmp_path: Path, ring_rig: Callable[..., Rig]) -> None:
     cropped = ring_rig(2).cameras[0].cropped(350, 0, (200, 480))
     assert cropped.K[0, 2] < 0
     path = tmp_path / "rig.toml"

@@ -38,8 +38,7 @@ def test_kernels_stand_only_where_their_changes_are_noticed() -> None:
 
 
 def test_a_change_of_any_kernel_file_starts_a_new_folder(tmp_path: Path) -> None:
-    (tmp_path / "a").mkdir()
-    (tmp_path / "a" / "kernels").mkdir()
+    (tmp_path / "a" / "kernels").mkdir(parents=True)
     files = [tmp_path / "a" / "kernels.py", tmp_path / "a" / "kernels" / "lens.py", tmp_path / "a" / "fast_kernels.py"]
     for path in files:
         path.write_text("x = 1")
@@ -56,9 +55,7 @@ def test_compiled_forms_are_kept_in_the_users_cache(tmp_path: Path) -> None:
     use(tmp_path)
     folder = tmp_path / "kernels" / fingerprint(kernel_files(PACKAGE / "tracking"))
     assert list(folder.rglob("*inverse3*.nbi"))
-
-
-def test_no_place_to_keep_them_is_no_error(tmp_path: Path) -> None:
+    # no place to keep them is no error
     (tmp_path / "file").write_text("in the way")
     use(tmp_path / "file")
 

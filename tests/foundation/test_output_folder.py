@@ -4,6 +4,7 @@ import errno
 import os
 import shutil
 from collections import namedtuple
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -61,22 +62,25 @@ def test_a_folder_appears_when_it_is_complete_and_moves_a_result_of_the_same_com
 
 
 def test_the_mark_states_the_command_and_differs_between_no_two_folders(tmp_path: Path) -> None:
-    make(tmp_path / "result")
+    for name in ("result", "another"):
+        make(tmp_path / name)
     assert read_mark(tmp_path / "result") == FolderMark(command="track")
-    make(tmp_path / "another")
-    marks = [(tmp_path / name / MARK_FILE).read_bytes() for name in ("result", "another")]
-    assert marks[0] == marks[1]  # the same work gives the same bytes
+    assert tree(tmp_path / "result") == tree(tmp_path / "another")  # the same work gives the same bytes
 
 
 @pytest.mark.parametrize("problem", [ValueError, KeyboardInterrupt])
-def test_a_failed_run_keeps_the_old_result(tmp_path: Path, problem: type[BaseException]) -> None:
+def test_what_fails_keeps_the_old_result_and_the_old_file(tmp_path: Path, problem: type[BaseException]) -> None:
     path = tmp_path / "result"
     make(path)
+    (tmp_path / "a.txt").write_text("old")
     before = tree(tmp_path)
     with pytest.raises(problem), output_folder(path, command="track", replace=True) as out:
         (out.folder / "recording.json").write_text("half")
         raise problem
     with pytest.raises(problem), output_folder(tmp_path / "new" / "deep", command="track"):
+        raise problem
+    with pytest.raises(problem), atomic_file(tmp_path / "a.txt") as temporary:
+        temporary.write_text("half")
         raise problem
     assert tree(tmp_path) == before
 
@@ -217,29 +221,26 @@ def test_an_interrupted_run_is_found_and_continued(tmp_path: Path) -> None:
 
 def test_files_that_appear_during_the_run_are_not_replaced_and_the_new_results_are_kept(tmp_path: Path) -> None:
     path = tmp_path / "result"
-    with pytest.raises(InputError, match=r"the results are complete in .* but cannot be moved there"):  # noqa: SIM117
-        with output_folder(path, command="track", replace=True) as out:
-            (out.folder / "recording.json").write_text("new")
-            path.mkdir()
-            (path / "thesis.docx").write_text("years of work")
+    said = r"the results are complete in .* but cannot be moved there"
+    with pytest.raises(InputError, match=said), output_folder(path, command="track", replace=True) as out:
+        (out.folder / "recording.json").write_text("new")
+        path.mkdir()
+        (path / "thesis.docx").write_text("years of work")
     assert (path / "thesis.docx").read_text() == "years of work"
     assert (out.folder / "recording.json").read_text() == "new"
     assert read_mark(out.folder) == FolderMark(command="track")
 
 
-def test_a_file_added_to_a_result_during_its_replacement_is_kept_and_reported(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def rename_as(monkeypatch: pytest.MonkeyPatch, before: Callable[[Path], None]) -> None:
+    """Something happens before each rename."""
+    rename = Path.rename
+    monkeypatch.setattr(Path, "rename", lambda self, target: (before(self), rename(self, target))[1])
+
+
+def test_a_file_added_during_a_replacement_is_kept_and_reported(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     path = tmp_path / "result"
     make(path)
-    rename = Path.rename
-
-    def rename_late(self: Path, target: Path) -> Path:
-        if self == path:
-            (path / "late.txt").write_text("the user's")
-        return rename(self, target)
-
-    monkeypatch.setattr(Path, "rename", rename_late)
+    rename_as(monkeypatch, lambda moved: (path / "late.txt").write_text("the user's") if moved == path else None)
     said = make_warned(path, "two")
     (aside,) = tmp_path.glob("result.replaced-*")
     assert (aside / "late.txt").read_text() == "the user's"
@@ -247,20 +248,16 @@ def test_a_file_added_to_a_result_during_its_replacement_is_kept_and_reported(
     assert (path / "recording.json").read_text() == "two"
 
 
-def test_the_old_result_is_restored_when_the_new_one_cannot_be_moved_there(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_the_old_result_comes_back_when_the_new_cannot_be_moved(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     path = tmp_path / "result"
     make(path)
     before = tree(path)
-    rename = Path.rename
 
-    def rename_not(self: Path, target: Path) -> Path:
-        if self.suffix == ".unfinished":
+    def no_space(moved: Path) -> None:
+        if moved.suffix == ".unfinished":
             raise OSError(28, "No space left on device")
-        return rename(self, target)
 
-    monkeypatch.setattr(Path, "rename", rename_not)
+    rename_as(monkeypatch, no_space)
     refusal(InputError, r"complete in .* but cannot be moved there \(No space left", make, path, "two")
     assert tree(path) == before
 
@@ -276,9 +273,7 @@ def test_folders_and_files_have_the_permissions_of_the_users_others(tmp_path: Pa
 
 
 @pytest.mark.parametrize("number", [errno.ENOSPC, errno.EDQUOT, errno.EFBIG])
-def test_a_disk_that_becomes_full_is_one_line_and_what_was_finished_is_kept(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, number: int
-) -> None:
+def test_a_disk_that_fills_keeps_what_was_finished(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, number: int) -> None:
     make(tmp_path / "result")
     with pytest.raises(DiskFullError) as caught, output_folder(tmp_path / "result", command="track", replace=True) as out:
         (out.folder / "first").write_text("hours of work")
@@ -303,8 +298,8 @@ def test_a_disk_that_is_full_from_the_beginning_leaves_nothing(tmp_path: Path, m
 
 def test_a_full_disk_leaves_no_half_mark(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     fill_disk(monkeypatch, errno.ENOSPC)
-    with pytest.raises(InputError, match=r"study: cannot be written \(No space left on device\)"):
-        growing_folder(tmp_path / "study", command="batch", names=["a.json"])
+    said = r"study: cannot be written \(No space left on device\)"
+    refusal(InputError, said, growing_folder, tmp_path / "study", command="batch", names=["a.json"])
     refused(tmp_path / "result", r"no folder can be made there \(No space left on device\)")
 
 
@@ -314,14 +309,14 @@ def test_a_folder_that_grows_is_opened_again_and_no_foreign_one_is_taken_for_it(
     (tmp_path / "study" / "videos.zip").write_text("the user's")
     for _ in range(2):
         assert growing_folder(tmp_path / "study", command="batch", names=names) == tmp_path / "study"
-    with pytest.raises(InputError, match="holds results of `posefuse batch`"):
-        growing_folder(tmp_path / "study", command="experiment", names=names)
+    said = "holds results of `posefuse batch`"
+    refusal(InputError, said, growing_folder, tmp_path / "study", command="experiment", names=names)
     for name in (*names, MARK_FILE):
-        (tmp_path / "other").mkdir()
-        (tmp_path / "other" / name).write_text("the user's")
-        with pytest.raises(InputError, match=f"holds {name}, which posefuse did not write"):
-            growing_folder(tmp_path / "other", command="batch", names=names)
-        shutil.rmtree(tmp_path / "other")
+        other = tmp_path / f"with {name}"
+        other.mkdir()
+        (other / name).write_text("the user's")
+        said = f"holds {name}, which posefuse did not write"
+        refusal(InputError, said, growing_folder, other, command="batch", names=names)
 
 
 def test_a_file_that_is_written_again_stays_as_it_was_unless_it_is_the_same(tmp_path: Path) -> None:
@@ -352,17 +347,6 @@ def test_a_file_appears_at_the_end(tmp_path: Path) -> None:
         assert temporary.suffix == ".gz"
         assert not path.exists()
     assert path.read_text() == "new"
-    assert list(tmp_path.iterdir()) == [path]
-
-
-@pytest.mark.parametrize("problem", [ValueError, KeyboardInterrupt])
-def test_a_file_that_fails_leaves_the_old_one(tmp_path: Path, problem: type[BaseException]) -> None:
-    path = tmp_path / "a.txt"
-    path.write_text("old")
-    with pytest.raises(problem), atomic_file(path) as temporary:
-        temporary.write_text("half")
-        raise problem
-    assert path.read_text() == "old"
     assert list(tmp_path.iterdir()) == [path]
 
 

@@ -6,6 +6,7 @@ import threading
 from pathlib import Path
 from types import SimpleNamespace
 
+import av
 import pytest
 
 from posefuse.foundation import platform
@@ -59,53 +60,41 @@ def test_a_thread_gives_way_to_the_others_of_its_process_by_so_many_steps() -> N
 
 
 @pytest.mark.parametrize(
-    ("system", "camera_format", "address", "backends"),
+    ("system", "camera", "backends"),
     [
-        ("linux", "v4l2", "/dev/video0", ("egl", "osmesa")),
-        ("darwin", "avfoundation", "/dev/video0", ("cgl",)),
-        ("win32", "dshow", "video=/dev/video0", ("wgl",)),
+        ("linux", ("v4l2", "/dev/video0"), ("egl", "osmesa")),
+        ("darwin", ("avfoundation", "/dev/video0"), ("cgl",)),
+        ("win32", ("dshow", "video=/dev/video0"), ("wgl",)),
     ],
 )
-def test_cameras_and_drawing_by_system(
-    monkeypatch: pytest.MonkeyPatch, system: str, camera_format: str, address: str, backends: tuple[str, ...]
-) -> None:
+def test_cameras_and_drawing_by_system(monkeypatch: pytest.MonkeyPatch, system: str, camera: tuple, backends: tuple) -> None:
     monkeypatch.setattr(platform, "sys", SimpleNamespace(platform=system))
-    assert platform.usb_camera_format() == camera_format
-    assert platform.usb_camera_address("/dev/video0") == address
-    assert platform.usb_camera_address(address) == address
+    assert (platform.usb_camera_format(), platform.usb_camera_address("/dev/video0")) == camera
+    assert platform.usb_camera_address(camera[1]) == camera[1]
     assert platform.offscreen_backends() == backends
 
 
-def test_cameras_are_listed_by_what_opens_them(monkeypatch: pytest.MonkeyPatch) -> None:
-    import av
-
-    found = [
-        SimpleNamespace(name="@device_pnp_1", description="Front camera", media_types=["video"]),
-        SimpleNamespace(name="@device_cm_2", description="Microphone", media_types=["audio"]),
-    ]
+@pytest.mark.parametrize(("system", "opened"), [("win32", "Front camera"), ("darwin", "@device_pnp_1")])
+def test_cameras_are_listed_by_what_opens_them(monkeypatch: pytest.MonkeyPatch, system: str, opened: str) -> None:
+    about = (("@device_pnp_1", "Front camera", ["video"]), ("@device_cm_2", "Microphone", ["audio"]))
+    found = [SimpleNamespace(name=name, description=said, media_types=types) for name, said, types in about]
     monkeypatch.setattr(av, "enumerate_input_devices", lambda name: found)
-    monkeypatch.setattr(platform, "sys", SimpleNamespace(platform="win32"))
-    assert platform.usb_cameras() == {"Front camera": "Front camera"}
-    monkeypatch.setattr(platform, "sys", SimpleNamespace(platform="darwin"))
-    assert platform.usb_cameras() == {"@device_pnp_1": "Front camera"}
+    monkeypatch.setattr(platform, "sys", SimpleNamespace(platform=system))
+    assert platform.usb_cameras() == {opened: "Front camera"}
 
 
-def test_a_camera_of_linux_is_listed_once_by_the_node_that_has_its_images(
-    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
-) -> None:
-    about = {"video0": ("0", "BRIO"), "video1": ("1", "BRIO"), "video2": (None, None)}
-    for node, (index, name) in about.items():
-        (tmp_path / "dev").mkdir(exist_ok=True)
-        (tmp_path / "dev" / node).touch()
-        if index is not None and name is not None:
-            (tmp_path / "sys" / node).mkdir(parents=True)
-            (tmp_path / "sys" / node / "index").write_text(f"{index}\n")
-            (tmp_path / "sys" / node / "name").write_text(f"{name}\n")
+def test_a_camera_of_linux_is_listed_by_the_node_of_its_images(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    dev, v4l = tmp_path / "dev", tmp_path / "sys"
+    dev.mkdir()
+    for node, index in (("video0", "0"), ("video1", "1"), ("video2", "")):
+        (dev / node).touch()
+        (v4l / node).mkdir(parents=True)
+        # of the last one the system says nothing
+        for name, text in {"index": index, "name": "BRIO"}.items() if index else ():
+            (v4l / node / name).write_text(f"{text}\n")
     monkeypatch.setattr(platform, "sys", SimpleNamespace(platform="linux"))
-    monkeypatch.setattr(platform, "DEVICES", tmp_path / "dev")
-    monkeypatch.setattr(platform, "V4L", tmp_path / "sys")
-    dev = tmp_path / "dev"
-    # of the last one the system says nothing
+    monkeypatch.setattr(platform, "DEVICES", dev)
+    monkeypatch.setattr(platform, "V4L", v4l)
     assert platform.usb_cameras() == {f"{dev}/video0": "BRIO", f"{dev}/video2": f"{dev}/video2"}
 
 

@@ -30,41 +30,38 @@ def test_hang_ups_that_are_ignored_stay_ignored() -> None:
 
 @pytest.mark.parametrize("released", [True, False])
 def test_printing_to_a_closed_terminal_is_no_error_once_it_is_released(released: bool) -> None:
-    script = (
-        "import signal, sys\n"
-        "from posefuse.foundation.requests_to_end import without_terminal\n"
-        "signal.signal(signal.SIGHUP, signal.SIG_IGN)\n"
-        "print('ready', flush=True)\n"
-        "sys.stdin.read()\n"
-        f"{'without_terminal()' if released else ''}\n"
-        "print('more', flush=True)\n"
-    )
+    script = f"""
+import signal, sys
+from posefuse.foundation.requests_to_end import without_terminal
+signal.signal(signal.SIGHUP, signal.SIG_IGN)
+print('ready', flush=True)
+sys.stdin.read()
+{"without_terminal()" if released else ""}
+print('more', flush=True)
+"""
     ours, theirs = os.openpty()
-    process = subprocess.Popen(
-        [sys.executable, "-c", script], stdin=subprocess.PIPE, stdout=theirs, stderr=subprocess.DEVNULL, start_new_session=True
-    )
+    streams = {"stdin": subprocess.PIPE, "stdout": theirs, "stderr": subprocess.DEVNULL}
+    process = subprocess.Popen([sys.executable, "-c", script], **streams, start_new_session=True)
     os.close(theirs)
     seen = b""
     while not seen.endswith(b"\n"):
         seen += os.read(ours, 1)
     os.close(ours)
-    assert process.stdin is not None
     process.stdin.close()
     assert (process.wait(PATIENCE_S) == 0) is released
 
 
 def test_a_child_outlives_a_request_for_its_parent_but_not_for_ever() -> None:
-    script = (
-        "import signal, time\n"
-        "from posefuse.foundation import requests_to_end\n"
-        "requests_to_end._GRACE_S = 0.5\n"
-        "requests_to_end.leave_requests_to_parent()\n"
-        "for number in (signal.SIGINT, signal.SIGHUP):\n"
-        "    signal.raise_signal(number)\n"
-        "signal.raise_signal(signal.SIGTERM)\n"
-        "print('alive', flush=True)\n"
-        "time.sleep(600)\n"
-    )
+    script = """
+import signal, time
+from posefuse.foundation import requests_to_end
+requests_to_end._GRACE_S = 0.5
+requests_to_end.leave_requests_to_parent()
+for number in (signal.SIGINT, signal.SIGHUP, signal.SIGTERM):
+    signal.raise_signal(number)
+print('alive', flush=True)
+time.sleep(600)
+"""
     done = python("-c", script)
     assert (done.returncode, done.stdout) == (143, "alive\n"), done.stderr
     assert requests_to_end._GRACE_S > 10

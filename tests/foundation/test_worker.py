@@ -9,6 +9,7 @@ import time
 from pathlib import Path
 
 import pytest
+from running import Running
 
 from posefuse.foundation.channel import Channel
 from posefuse.foundation.worker import Worker
@@ -68,12 +69,8 @@ def test_how_it_ended_is_said_and_it_is_due_again_later_and_later(monkeypatch: p
     for _ in range(8):
         worker.fail("hung")
         waits.append(worker._again_s - time.monotonic())
-    assert (
-        [round(wait) for wait in waits] == sorted(round(wait) for wait in waits)
-        and waits[0] < 0.5
-        and 9 < waits[-1] <= 10
-        and not worker.due()
-    )
+    assert [round(wait) for wait in waits] == sorted(round(wait) for wait in waits)
+    assert waits[0] < 0.5 and 9 < waits[-1] <= 10 and not worker.due()
     # one that had worked for a while has a new trouble
     worker.started_s -= 60
     worker.fail("hung")
@@ -139,21 +136,14 @@ def test_one_that_is_still_dying_is_no_error_and_is_started_again_later() -> Non
 
 
 @posix
-def test_it_ends_when_its_parent_is_killed(tmp_path: Path) -> None:
+def test_it_ends_when_its_parent_is_killed() -> None:
     script = (
-        "import sys, time; from pathlib import Path; sys.path.insert(0, sys.argv[1]); from test_worker import echo, answer; "
-        "from posefuse.foundation.worker import Worker; worker = Worker(echo); worker.start(); answer(worker); "
-        "Path(sys.argv[2]).write_text(str(worker.pid)); time.sleep(60)"
+        "import sys, time; sys.path[:0] = sys.argv[1:]; from test_worker import Worker, echo, answer; worker = Worker(echo); "
+        "worker.start(); answer(worker); print(worker.pid, flush=True); time.sleep(60)"
     )
-    said = tmp_path / "pid"
-    parent = subprocess.Popen([sys.executable, "-c", script, str(Path(__file__).parent), str(said)])
-    end_s = time.monotonic() + PATIENCE_S
-    while not (said.is_file() and said.read_text()):
-        assert time.monotonic() < end_s
-        time.sleep(0.02)
-    pid = int(said.read_text())
-    parent.kill()
-    parent.wait(timeout=PATIENCE_S)
+    here = Path(__file__).parent
+    with Running([sys.executable, "-c", script, str(here), str(here.parent / "support")]) as parent:
+        pid = int(parent.out.wait_for(r"\d+")[0])
     end_s = time.monotonic() + PATIENCE_S
     with contextlib.suppress(ProcessLookupError):
         while time.monotonic() < end_s:

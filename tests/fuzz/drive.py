@@ -6,37 +6,38 @@ python tests/fuzz/drive.py --variants 110 --write docs/reliability.md
 from __future__ import annotations
 
 import argparse
-import contextlib
-import json
 import os
 import shutil
-import subprocess
+import signal
 import sys
 import tempfile
-import time
 from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from multiprocessing import get_context
+from multiprocessing.context import SpawnProcess
 from pathlib import Path
-
-sys.path.append(str(Path(__file__).parents[1] / "support"))
 
 from damage import damaged
 from options import OPTIONS
-from running import Running
+from worker import answers
 
 from examples import EXAMPLES, openpose_session
 
 LIMIT_S = 20.0
-PATIENCE, _LOOK_S = 6, 0.5
+PATIENCE = 6
 # a fresh process imports everything, and compiles numeric kernels where none are kept yet
 START_LIMIT_S = 300.0
 OUTCOMES = ("clear", "accepted", "trace", "hang", "crash")
 SOUND = -1  # number of the variant that is not damaged
 BAD = ("trace", "hang", "crash")
+HUNG = -getattr(signal, "SIGXCPU", 24)
 COLUMNS = ("variants", "one clear line", "accepted", "traceback or warning", "hang over 20 s", "crash")
 # commands take a second each, readers milliseconds: commands get this share of the variants
 COMMAND_SHARE = 0.25
+# a narrow terminal would wrap messages, and colour codes would split them
+os.environ |= {"COLUMNS": "500", "NO_COLOR": "1"}
+SPAWN = get_context("spawn")
 
 
 @dataclass(frozen=True)
@@ -51,64 +52,41 @@ class Failure:
 
 
 class Worker:
-    """`worker.py` with a time limit on every answer; restarted after a crash or a hang."""
+    """`worker.answers` in a process of its own, with a time limit on every answer; restarted after a crash or a hang."""
 
     def __init__(self) -> None:
-        self._running: Running | None = None
+        self._process: SpawnProcess | None = None
 
     def ask(self, kind: str, folder: Path, file: str, limit_s: float) -> tuple[str, str]:
-        """Outcome and detail of one variant."""
-        if self._running is None:
-            command = [sys.executable, str(Path(__file__).with_name("worker.py"))]
-            # a narrow terminal would wrap messages, and colour codes would split them
-            environment = {**os.environ, "COLUMNS": "500", "NO_COLOR": "1"}
-            self._running = Running(command, stdin=subprocess.PIPE, env=environment, encoding="utf-8")
-            self._running.out.wait_for("ready", START_LIMIT_S)
-        process = self._running.process
-        # where it has ended, so has its answer
-        with contextlib.suppress(OSError):
-            process.stdin.write(json.dumps([kind, str(folder), file]) + "\n")
-            process.stdin.flush()
+        """Outcome and detail of one variant. Processor time is limited; waiting counts only above `PATIENCE` limits (the machine
+        may be busy)."""
+        if self._process is None:
+            self._pipe, other = SPAWN.Pipe()
+            self._process = SPAWN.Process(target=answers, args=(other,), daemon=True)
+            self._process.start()
+            other.close()
+            assert self._pipe.poll(START_LIMIT_S) and self._pipe.recv() == "ready"
         try:
-            line = _answer(self._running, limit_s)
-        except TimeoutError:
-            self.stop()
+            # where it has ended, so has its answer
+            self._pipe.send((kind, folder, file, limit_s))
+            if self._pipe.poll(PATIENCE * limit_s):
+                answer: tuple[str, str] = self._pipe.recv()
+                return answer
+            code = HUNG
+        except (EOFError, OSError):
+            self._process.join(LIMIT_S)
+            code = self._process.exitcode
+        self.stop()
+        if code == HUNG:
             return "hang", f"no answer within {limit_s:g} s"
-        if line is None:
-            self.stop()
-            return "crash", f"the interpreter ended with code {process.returncode}"
-        answer = json.loads(line)
-        return answer["outcome"], answer["detail"]
+        return "crash", f"the interpreter ended with code {code}"
 
     def stop(self) -> None:
         """End the process."""
-        if self._running is not None:
-            self._running.process.kill()
-            self._running.process.wait(timeout=LIMIT_S)
-            self._running = None
-
-
-def _answer(running: Running, limit_s: float) -> str | None:
-    """The next line, or None where the process has ended. Limits processor time; waiting counts only above `PATIENCE` limits
-    (the machine may be busy)."""
-    process, began_s, began_cpu_s = running.process, time.monotonic(), _cpu_s(running.process.pid)
-    while True:
-        with contextlib.suppress(AssertionError):
-            return running.out.until(lambda line: line, min(_LOOK_S, limit_s))
-        if process.poll() is not None:
-            return None
-        waited_s = time.monotonic() - began_s
-        if waited_s > PATIENCE * limit_s or (_cpu_s(process.pid) or waited_s) - (began_cpu_s or 0.0) > limit_s:
-            raise TimeoutError
-
-
-def _cpu_s(pid: int) -> float | None:
-    """Processor time a process has used; None where that is not known."""
-    try:
-        fields = Path(f"/proc/{pid}/stat").read_text(encoding="utf-8").rpartition(")")[2].split()
-    except OSError:
-        return None
-    return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
+        if self._process is not None:
+            self._process.kill()
+            self._process.join(LIMIT_S)
+            self._process = None
 
 
 def run(
@@ -137,7 +115,7 @@ def _variants(
     folder: Path, variants: int, kinds: Sequence[str], commands: bool, first: int
 ) -> Iterator[tuple[str, int, str, Path, str, float]]:
     for kind in (kind for kind in EXAMPLES if kind in kinds):
-        example, is_command = EXAMPLES[kind], kind.startswith(("track", "solve", "compare", "report", "export"))
+        example, is_command = EXAMPLES[kind], EXAMPLES[kind].read is None
         if is_command and not commands:
             continue
         sound = folder / "sound"

@@ -2,33 +2,43 @@
 
 from __future__ import annotations
 
-import json
+import hashlib
 import shutil
 import sys
 import tarfile
 import zipfile
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import cv2
 import numpy as np
 
-from posefuse.core import Camera, Rig
+from posefuse.calibration.extrinsics.world import read_floor_points
 from posefuse.core.skeleton import BODY_25
+from posefuse.detection.card import read_card
+from posefuse.detection.files import fetch
+from posefuse.evaluation.tracks import read_tracks
 from posefuse.formats.bvh import BvhData, write_bvh
-from posefuse.formats.c3d import C3dData, write_c3d
-from posefuse.formats.mot import MotTable, write_mot
-from posefuse.formats.recording import write_recording
+from posefuse.formats.c3d import C3dData, read_c3d, write_c3d
+from posefuse.formats.mot import MotTable, read_mot, write_mot
+from posefuse.formats.pose2d import read_openpose_folder, read_pose2d
+from posefuse.formats.recording import read_recording, write_recording
 from posefuse.formats.rig import read_rig, write_rig
-from posefuse.formats.trc import TrcData, write_trc
+from posefuse.formats.trc import TrcData, read_trc, write_trc
+from posefuse.formats.truth import read_truth
 from posefuse.formats.video import VideoWriter
+from posefuse.pipeline.config import read_config
+from posefuse.sources import ImagesConfig, VideoConfig
 from posefuse.tracking.stand_in import made_up_person
+from posefuse_sim.motion.bvh import read_bvh
+from posefuse_sim.scene import read_scene
 
 ROOT = Path(__file__).resolve().parents[2]
 # the writers of other tools' formats that their own tests use
 sys.path += [str(ROOT / "tests" / "formats" / "pose2d"), str(ROOT / "tests" / "support"), str(ROOT / "tools")]
 import built  # noqa: E402
+from studies import write_openpose  # noqa: E402
 from test_formats import WRITERS  # noqa: E402
 
 GOLDEN = ROOT / "tests" / "golden" / "files"
@@ -39,86 +49,62 @@ NAMES = ("left_shoulder", "right_shoulder", "left_hip", "right_hip", "left_knee"
 
 @dataclass(frozen=True)
 class Example:
-    """A valid folder and the file in it that is damaged. `make` fills a folder."""
+    """A valid folder and the file in it that is damaged: `make` fills the folder, `read` reads the file; None: a command does."""
 
     file: str
     make: Callable[[Path], object]
+    read: Callable[[Path], object] | None = None
 
 
-def walking(times: int = 40) -> tuple[np.ndarray, np.ndarray]:
-    """(T,) seconds and (T, K, 3) metres of points that move."""
-    t_s = np.arange(times) / 30
-    start = np.array([[0, 0.2, 1.4], [0, -0.2, 1.4], [0, 0.15, 0.9], [0, -0.15, 0.9], [0, 0.15, 0.5]])
-    return t_s, start + np.sin(3 * t_s[:, None, None] + np.arange(15).reshape(5, 3)) * 0.2 + t_s[:, None, None] * [1.0, 0, 0]
+# points that move: (T,) seconds and (T, K, 3) metres
+T_S = np.arange(40) / 30
+_START = np.array([[0, 0.2, 1.4], [0, -0.2, 1.4], [0, 0.15, 0.9], [0, -0.15, 0.9], [0, 0.15, 0.5]])
+XYZ = _START + np.sin(3 * T_S[:, None, None] + np.arange(15).reshape(5, 3)) * 0.2 + T_S[:, None, None] * [1.0, 0, 0]
 
 
-def _copied(source: Path, name: str) -> Callable[[Path], None]:
-    return lambda folder: (folder / name).parent.mkdir(parents=True, exist_ok=True) or shutil.copyfile(source, folder / name)
+def _copied(source: Path, read: Callable[[Path], object]) -> Example:
+    return Example(source.name, lambda folder: shutil.copyfile(source, folder / source.name), read)
 
 
-def _trc(folder: Path) -> None:
-    write_trc(folder / "a.trc", _trc_data())
-    write_trc(folder / "sound.trc", _trc_data())
+def _trc(folder: Path, name: str = "a.trc") -> None:
+    write_trc(folder / name, TrcData(names=NAMES, t_s=T_S, xyz_world=XYZ, rate_hz=30.0))
 
 
-def _trc_data() -> TrcData:
-    t_s, xyz = walking()
-    return TrcData(names=NAMES, t_s=t_s, xyz_world=xyz, rate_hz=30.0)
+def _compared(make: Callable[[Path], object]) -> Callable[[Path], object]:
+    """With a file of the same points that is not damaged."""
+    return lambda folder: (make(folder), _trc(folder, "sound.trc"))
 
 
 def _c3d(folder: Path) -> None:
-    xyz = walking()[1]
-    about = {
-        "names": NAMES,
-        "xyz_world": xyz,
-        "sigma_m": np.full(xyz.shape[:2], 0.01),
-        "rate_hz": 30.0,
-        "about": {"VERSION": "1"},
-    }
-    write_c3d(folder / "a.c3d", C3dData(**about, angle_names=("knee",), angle_rad=np.zeros((len(xyz), 1, 3))))
-    write_trc(folder / "sound.trc", _trc_data())
+    points = {"names": NAMES, "xyz_world": XYZ, "sigma_m": np.full(XYZ.shape[:2], 0.01), "rate_hz": 30.0}
+    angles = {"angle_names": ("knee",), "angle_rad": np.zeros((len(XYZ), 1, 3))}
+    write_c3d(folder / "a.c3d", C3dData(**points, **angles, about={"VERSION": "1"}))
 
 
 def _bvh(folder: Path) -> None:
-    rotation = [np.tile(np.eye(3), (5, 1, 1))] * 3
     offset = np.array([[0, 0, 0], [0, 0.5, 0], [0, 0.5, 0.0]])
-    data = BvhData(
-        names=("hips", "knee", "knee_end"),
-        parent=np.array([-1, 0, 1]),
-        offset=offset,
-        frame_s=0.02,
-        rotation=rotation,
-        position=[np.tile(one, (5, 1)) for one in offset],
-    )
-    write_bvh(folder / "a.bvh", data)
+    bones = {"names": ("hips", "knee", "knee_end"), "parent": np.array([-1, 0, 1]), "offset": offset}
+    motion = {"rotation": [np.tile(np.eye(3), (5, 1, 1))] * 3, "position": [np.tile(one, (5, 1)) for one in offset]}
+    write_bvh(folder / "a.bvh", BvhData(**bones, **motion, frame_s=0.02))
 
 
 def _mot(folder: Path) -> None:
-    write_mot(
-        folder / "a.mot",
-        MotTable(name="angles", t_s=np.arange(5) / 10, columns=("hip", "knee"), values=np.ones((5, 2)), in_degrees=True),
-    )
+    angles = MotTable(name="angles", t_s=np.arange(5) / 10, columns=("hip", "knee"), values=np.ones((5, 2)), in_degrees=True)
+    write_mot(folder / "a.mot", angles)
 
 
 def _wide_csv(folder: Path) -> None:
-    t_s, xyz = walking()
     lines = ["t_s," + ",".join(f"{name}_{axis}" for name in NAMES for axis in "xyz")]
-    lines += [f"{t:.4f}," + ",".join(f"{v:.4f}" for v in row.ravel()) for t, row in zip(t_s, xyz, strict=True)]
+    lines += [f"{t:.4f}," + ",".join(f"{v:.4f}" for v in row.ravel()) for t, row in zip(T_S, XYZ, strict=True)]
     (folder / "a.csv").write_text("\n".join(lines) + "\n")
-    write_trc(folder / "sound.trc", TrcData(names=NAMES, t_s=t_s, xyz_world=xyz, rate_hz=30.0))
 
 
 def _long_csv(folder: Path) -> None:
-    t_s, xyz = walking()
     lines = ["t_s,person,keypoint,x_m,y_m,z_m"]
-    lines += [
-        f"{t:.4f},{person},{name},{x:.4f},{y:.4f},{z:.4f}"
-        for t, row in zip(t_s, xyz, strict=True)
-        for person in (0, 3)
-        for name, (x, y, z) in zip(NAMES, row, strict=True)
-    ]
+    for t, row in zip(T_S, XYZ, strict=True):
+        points = [f"{name},{x:.4f},{y:.4f},{z:.4f}" for name, (x, y, z) in zip(NAMES, row, strict=True)]
+        lines += [f"{t:.4f},{person},{point}" for person in (0, 3) for point in points]
     (folder / "a.csv").write_text("\n".join(lines) + "\n")
-    write_trc(folder / "sound.trc", TrcData(names=NAMES, t_s=t_s, xyz_world=xyz, rate_hz=30.0))
 
 
 def _mvnx(folder: Path) -> None:
@@ -132,17 +118,14 @@ def _mvnx(folder: Path) -> None:
 
 
 def _recording(folder: Path) -> None:
-    rig, (t_s, xyz) = read_rig(DEMO / "rig.toml"), walking(8)
-    poses = built.poses(np.resize(xyz[:, None], (8, 1, 17, 3)), t_ns=(t_s * 1e9).astype(np.int64))
-    write_recording(folder, built.recording(rig, poses, made="by the fuzz stage"))
+    poses = built.poses(np.resize(XYZ[:8, None], (8, 1, 17, 3)), rate_hz=30.0)
+    write_recording(folder, built.recording(read_rig(DEMO / "rig.toml"), poses, made="by the fuzz stage"))
 
 
 def _video(folder: Path) -> None:
-    camera: Camera = read_rig(DEMO / "rig.toml").cameras[0]
     with VideoWriter(folder / "a.mp4", (64, 48), 30.0, 23) as writer:
         for i in range(30):
             writer.write(np.full((48, 64, 3), 5 * i, np.uint8), i * 33_333_333)
-    assert camera.name
 
 
 def _images(folder: Path) -> None:
@@ -153,25 +136,19 @@ def _images(folder: Path) -> None:
 
 def openpose_session(folder: Path) -> None:
     """Two cameras of the bundled clip as OpenPose JSON of a walking person, with a settings file."""
-    rig: Rig = read_rig(DEMO / "rig.toml").only(("cam00", "cam01"))
+    rig = read_rig(DEMO / "rig.toml").only(("cam00", "cam01"))
     write_rig(folder / "rig.toml", rig)
     (folder / "posefuse.toml").write_text('rate_hz = 30.0\nraw = true\noutputs = ["csv"]\n[cameras.cam00]\noffset_s = 0.0\n')
     person = made_up_person(BODY_25)
     for camera in rig:
-        place = folder / "pose2d" / f"{camera.name}_json"
-        place.mkdir(parents=True)
-        for i in range(6):
-            xy = camera.project(person + [0.02 * i, 0, 0])
-            keypoints = np.concatenate([np.nan_to_num(xy), np.full((25, 1), 0.9)], axis=1).ravel().tolist()
-            content = {"version": 1.3, "people": [{"pose_keypoints_2d": keypoints}]}
-            (place / f"frame_{i:012d}_keypoints.json").write_text(json.dumps(content))
+        frames = {i: np.nan_to_num(camera.project(person + [0.02 * i, 0, 0]))[None] for i in range(6)}
+        write_openpose(folder / "pose2d" / f"{camera.name}_json", frames)
 
 
 def _demo_session(folder: Path) -> None:
-    shutil.copyfile(DEMO / "rig.toml", folder / "rig.toml")
     (folder / "videos").mkdir()
-    for camera in ("cam00", "cam01"):
-        shutil.copyfile(DEMO / "videos" / f"{camera}.mp4", folder / "videos" / f"{camera}.mp4")
+    for file in ("rig.toml", "videos/cam00.mp4", "videos/cam01.mp4"):
+        shutil.copyfile(DEMO / file, folder / file)
 
 
 def _wheel(folder: Path) -> None:
@@ -197,54 +174,85 @@ def _mcap(folder: Path) -> None:
     inside = folder / "result"
     inside.mkdir()
     _recording(inside)
-    from posefuse.formats.recording import read_recording
-
     [path] = McapSink().build().write(read_recording(inside), folder)
     path.rename(folder / "a.mcap")
     shutil.rmtree(inside)
 
 
-CARDS = ROOT / "src" / "posefuse" / "detection" / "cards"
+def _read_frames(source: VideoConfig | ImagesConfig) -> None:
+    opened = source.build()
+    opened.times_ns()
+    list(opened.frames())
+
+
+def _read_images(path: Path) -> None:
+    _read_frames(ImagesConfig(path.parent, "cam", rate_hz=30.0))
+
+
+def _read_result(path: Path) -> None:
+    read_recording(path.parent)
+
+
+def _read_pose2d(path: Path) -> None:
+    read_pose2d(path, "cam").frame(0, 0)
+
+
+def _read_openpose(path: Path) -> None:
+    list(read_openpose_folder(path.parent, "cam00").frames(30.0))
+
+
+def _fetched(card: str) -> Callable[[Path], object]:
+    made = {"size_bytes": len(NETWORK), "sha256": hashlib.sha256(NETWORK).hexdigest()}
+    return lambda archive: fetch(replace(read_card(card), **made), archive.parent / "cache", archive)
+
+
+def _read_mcap(path: Path) -> None:
+    from posefuse_ros import bags
+
+    bags.read_rig(path)
+    list(bags.read_mcap(path))
+
+
 EXAMPLES: dict[str, Example] = {
-    "rig TOML": Example("rig.toml", _copied(GOLDEN / "rig.toml", "rig.toml")),
-    "rig caliscope": Example("camera_array.toml", _copied(GOLDEN / "camera_array.toml", "camera_array.toml")),
-    "rig Qualisys": Example("rig.qca.txt", _copied(GOLDEN / "rig.qca.txt", "rig.qca.txt")),
-    "rig OpenCV YAML": Example("rig.yaml", _copied(GOLDEN / "rig.yaml", "rig.yaml")),
-    "rig OpenCV JSON": Example("rig.json", _copied(GOLDEN / "rig.json", "rig.json")),
-    "rig ROS": Example("cam_0.yaml", _copied(GOLDEN / "rig_ros" / "cam_0.yaml", "cam_0.yaml")),
-    "scene YAML": Example("scene.yaml", _copied(DEMO / "scene.yaml", "scene.yaml")),
-    "posefuse.toml": Example("posefuse.toml", openpose_session),
-    "floor points TOML": Example("a.toml", _floor),
-    "model card TOML": Example("a.toml", _copied(CARDS / "blazepose_full.toml", "a.toml")),
-    "TRC": Example("a.trc", _trc),
-    "C3D": Example("a.c3d", _c3d),
-    "BVH": Example("a.bvh", _bvh),
-    "MOT": Example("a.mot", _mot),
-    "CSV wide": Example("a.csv", _wide_csv),
-    "CSV long": Example("a.csv", _long_csv),
-    "MVNX": Example("a.mvnx", _mvnx),
-    "recording.npz": Example("recording.npz", _recording),
-    "recording.json": Example("recording.json", _recording),
-    "truth.npz": Example("truth.npz", _copied(DEMO / "truth" / "truth.npz", "truth.npz")),
-    "MP4": Example("a.mp4", _video),
-    "image": Example("002.jpg", _images),
-    "timestamps.csv": Example("timestamps.csv", _images),
-    "OpenPose JSON": Example("pose2d/cam00_json/frame_000000000002_keypoints.json", openpose_session),
-    "AlphaPose JSON": Example("alphapose-results.json", WRITERS["alphapose"][0]),
-    "COCO JSON": Example("results.json", WRITERS["coco"][0]),
-    "MMPose JSON": Example("cam.json", WRITERS["mmpose"][0]),
-    "DeepLabCut CSV": Example("camDLC.csv", WRITERS["deeplabcut"][0]),
-    "wheel": Example("mediapipe-0.10.21-x.whl", _wheel),
-    "npm package": Example("mediapipe-pose-0.5.1675469404.tgz", _npm),
-    "MCAP": Example("a.mcap", _mcap),
-    "compare TRC": Example("a.trc", _trc),
-    "compare C3D": Example("a.c3d", _c3d),
-    "compare CSV": Example("a.csv", _wide_csv),
+    "rig TOML": _copied(GOLDEN / "rig.toml", read_rig),
+    "rig caliscope": _copied(GOLDEN / "camera_array.toml", read_rig),
+    "rig Qualisys": _copied(GOLDEN / "rig.qca.txt", read_rig),
+    "rig OpenCV YAML": _copied(GOLDEN / "rig.yaml", read_rig),
+    "rig OpenCV JSON": _copied(GOLDEN / "rig.json", read_rig),
+    "rig ROS": _copied(GOLDEN / "rig_ros" / "cam_0.yaml", read_rig),
+    "scene YAML": _copied(DEMO / "scene.yaml", read_scene),
+    "posefuse.toml": Example("posefuse.toml", openpose_session, read_config),
+    "floor points TOML": Example("a.toml", _floor, read_floor_points),
+    "model card TOML": _copied(ROOT / "src" / "posefuse" / "detection" / "cards" / "blazepose_full.toml", read_card),
+    "TRC": Example("a.trc", _trc, read_trc),
+    "C3D": Example("a.c3d", _c3d, read_c3d),
+    "BVH": Example("a.bvh", _bvh, lambda path: read_bvh(path).world()),
+    "MOT": Example("a.mot", _mot, read_mot),
+    "CSV wide": Example("a.csv", _wide_csv, read_tracks),
+    "CSV long": Example("a.csv", _long_csv, read_tracks),
+    "MVNX": Example("a.mvnx", _mvnx, read_tracks),
+    "recording.npz": Example("recording.npz", _recording, _read_result),
+    "recording.json": Example("recording.json", _recording, _read_result),
+    "truth.npz": _copied(DEMO / "truth" / "truth.npz", read_truth),
+    "MP4": Example("a.mp4", _video, lambda path: _read_frames(VideoConfig(path, "cam"))),
+    "image": Example("002.jpg", _images, _read_images),
+    "timestamps.csv": Example("timestamps.csv", _images, _read_images),
+    "OpenPose JSON": Example("pose2d/cam00_json/cam_000000000002_keypoints.json", openpose_session, _read_openpose),
+    "AlphaPose JSON": Example("alphapose-results.json", WRITERS["alphapose"][0], _read_pose2d),
+    "COCO JSON": Example("results.json", WRITERS["coco"][0], _read_pose2d),
+    "MMPose JSON": Example("cam.json", WRITERS["mmpose"][0], _read_pose2d),
+    "DeepLabCut CSV": Example("camDLC.csv", WRITERS["deeplabcut"][0], _read_pose2d),
+    "wheel": Example("mediapipe-0.10.21-x.whl", _wheel, _fetched("blazepose_full")),
+    "npm package": Example("mediapipe-pose-0.5.1675469404.tgz", _npm, _fetched("blazepose_heavy")),
+    "MCAP": Example("a.mcap", _mcap, _read_mcap),
+    "compare TRC": Example("a.trc", _compared(_trc)),
+    "compare C3D": Example("a.c3d", _compared(_c3d)),
+    "compare CSV": Example("a.csv", _compared(_wide_csv)),
     "report, recording": Example("recording.npz", _recording),
     "report, rig": Example("rig.toml", _recording),
     "export, observations": Example("observations.npz", _recording),
     "solve, result": Example("observations.npz", _recording),
-    "track, OpenPose": Example("pose2d/cam01_json/frame_000000000003_keypoints.json", openpose_session),
+    "track, OpenPose": Example("pose2d/cam01_json/cam_000000000003_keypoints.json", openpose_session),
     "track, rig": Example("rig.toml", openpose_session),
     "track, settings": Example("posefuse.toml", openpose_session),
     "track, MP4": Example("videos/cam01.mp4", _demo_session),

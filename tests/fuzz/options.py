@@ -1,7 +1,12 @@
 """Command lines with impossible values; the first one is valid. FOLDER is a small session of OpenPose JSON."""
 
 _TRACK = "track FOLDER --out FOLDER/../out"
-_NUMBERS = ("nan", "inf", "-inf", "1e300", "-1e300", "-1", "0")
+_CLOCKS = "calibrate clocks FOLDER"
+_BOARD = "calibrate print --target charuco --rows 5 --marker-mm 20 --out FOLDER/a.pdf"
+_MARKERS = "calibrate print --target markers --out FOLDER/a.pdf"
+_PEOPLE = "cam00=FOLDER/pose2d/cam00_json cam01=FOLDER/pose2d/cam01_json"
+_PERSON = f"calibrate person {_PEOPLE} --intrinsics FOLDER/rig.toml --out FOLDER/r.toml"
+_NUMBERS = ("nan", "inf", "-inf", "1e300", "-1e300", "1e9", "-1", "0")
 _SETTINGS = (
     "rate_hz=1e9", "rate_hz=nan", "rate_hz=1e-300", "rate_hz=0", "cameras.cam00.offset_s=1e12", "cameras.cam00.offset_s=nan",
     "cameras.cam00.drift_ppm=1e9", "cameras.cam00.crop=[nan, 0]", "associate.max_people=0", "associate.max_people=-3",
@@ -21,30 +26,13 @@ OPTIONS: tuple[str, ...] = (
     "compare FOLDER/rig.toml FOLDER/rig.toml",
     *(f"compare FOLDER/a.trc FOLDER/b.trc --align-first={value}" for value in _NUMBERS),
     *(f"simulate FOLDER/none.yaml --out FOLDER/s --workers={value}" for value in ("0", "-1", "nan")),
-    *(f"calibrate clocks FOLDER --seconds={value} --rate 30" for value in _NUMBERS),
-    *(f"calibrate clocks FOLDER --rate={value}" for value in (*_NUMBERS, "1e9")),
-    *(f"calibrate clocks FOLDER --most-s={value} --rate 30" for value in _NUMBERS),
-    *(
-        f"calibrate print --target charuco --columns {value} --rows 5 --square-mm 30 --marker-mm 20 --out FOLDER/a.pdf"
-        for value in ("0", "-1", "1000000")
-    ),
-    *(
-        f"calibrate print --target charuco --columns 5 --rows 5 --square-mm={value} --marker-mm 20 --out FOLDER/a.pdf"
-        for value in _NUMBERS
-    ),
-    *(f"calibrate print --target markers --marker-mm={value} --ids 1 --out FOLDER/a.pdf" for value in _NUMBERS),
-    "calibrate print --target markers --marker-mm 50 --ids -1 --out FOLDER/a.pdf",
-    "calibrate print --target markers --marker-mm 50 --ids 1 --dictionary DICT --out FOLDER/a.pdf",
-    *(
-        f"calibrate person cam00=FOLDER/pose2d/cam00_json cam01=FOLDER/pose2d/cam01_json --intrinsics FOLDER/rig.toml "
-        f"--rate={value} --height-m 1.8 --out FOLDER/r.toml"
-        for value in (*_NUMBERS, "1e9")
-    ),
-    *(
-        f"calibrate person cam00=FOLDER/pose2d/cam00_json cam01=FOLDER/pose2d/cam01_json --intrinsics FOLDER/rig.toml "
-        f"--rate 30 --height-m={value} --out FOLDER/r.toml"
-        for value in _NUMBERS
-    ),
-    "calibrate verify cam00=FOLDER --rig FOLDER/rig.toml --target FOLDER/board.toml --every=0",
-    "calibrate verify cam00=FOLDER --rig FOLDER/rig.toml --target FOLDER/board.toml --every=-2",
+    *(f"{_CLOCKS} --{option}={value}" for option in ("rate", "rate 30 --seconds", "rate 30 --most-s") for value in _NUMBERS),
+    *(f"{_BOARD} --columns {value} --square-mm 30" for value in ("0", "-1", "1000000")),
+    *(f"{_BOARD} --columns 5 --square-mm={value}" for value in _NUMBERS),
+    *(f"{_MARKERS} --marker-mm={value} --ids 1" for value in _NUMBERS),
+    f"{_MARKERS} --marker-mm 50 --ids -1",
+    f"{_MARKERS} --marker-mm 50 --ids 1 --dictionary DICT",
+    *(f"{_PERSON} --rate={value} --height-m 1.8" for value in _NUMBERS),
+    *(f"{_PERSON} --rate 30 --height-m={value}" for value in _NUMBERS),
+    *(f"calibrate verify cam00=FOLDER --rig FOLDER/rig.toml --target FOLDER/board.toml --every={value}" for value in (0, -2)),
 )

@@ -2,14 +2,13 @@
 
 import json
 import re
-import subprocess
-import sys
 from pathlib import Path
 
 import pytest
+from running import printed, python
 
 HERE = Path(__file__).parent
-DRIVE = [sys.executable, str(HERE / "drive.py")]
+DRIVE = str(HERE / "drive.py")
 # of a whole run; a single variant has 20 s
 LIMIT_S = 600
 FULL_LIMIT_S = 7200
@@ -17,13 +16,13 @@ FULL_LIMIT_S = 7200
 
 def test_a_few_damaged_files_of_every_reader() -> None:
     pytest.importorskip("rosbags", reason="the extra `ros` is not installed")
-    done = subprocess.run([*DRIVE, "--variants", "17", "--readers-only"], capture_output=True, text=True, timeout=LIMIT_S)
+    done = python(DRIVE, "--variants", "17", "--readers-only", limit_s=LIMIT_S)
     assert done.returncode == 0, done.stdout[:5000] + done.stderr[-5000:]
 
 
 @pytest.mark.fuzz
 def test_thousands_of_damaged_files() -> None:
-    done = subprocess.run(DRIVE, capture_output=True, text=True, timeout=FULL_LIMIT_S)
+    done = python(DRIVE, limit_s=FULL_LIMIT_S)
     assert done.returncode == 0, done.stdout[:20_000] + done.stderr[-5000:]
 
 
@@ -41,10 +40,8 @@ asked = [("self-test " + what, worker.ask("self-test " + what, Path("."), "x", 2
 worker.stop()
 print(json.dumps(asked))
 """
-    done = subprocess.run([sys.executable, "-c", code, str(HERE)], capture_output=True, text=True, timeout=LIMIT_S, check=True)
-    outcomes = dict(json.loads(done.stdout.splitlines()[-1]))
-    expected = ("trace", "trace", "hang", "crash", "clear", "accepted")
-    assert tuple(outcomes.values()) == expected
+    outcomes = dict(json.loads(printed("-c", code, str(HERE), limit_s=LIMIT_S).splitlines()[-1]))
+    assert tuple(outcomes.values()) == ("trace", "trace", "hang", "crash", "clear", "accepted")
 
 
 def test_every_test_that_the_page_names_is_there() -> None:

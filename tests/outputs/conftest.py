@@ -9,16 +9,8 @@ from built import recording_from_views
 
 from posefuse.core import Frame, Kind, Recording, Rig, Skeleton
 
-SKELETON = Skeleton(
-    "five",
-    ("nose", "left_shoulder", "right_shoulder", "left_hip", "right_hip"),
-    (
-        ("left_shoulder", "right_shoulder"),
-        ("left_shoulder", "left_hip"),
-        ("right_shoulder", "right_hip"),
-        ("left_hip", "right_hip"),
-    ),
-)
+CORNERS = ("left_shoulder", "right_shoulder", "left_hip", "right_hip")
+SKELETON = Skeleton("five", ("nose", *CORNERS), tuple((CORNERS[a], CORNERS[b]) for a, b in ((0, 1), (0, 2), (1, 3), (2, 3))))
 BODY = np.array([[0.1, 0, 1.7], [0, 0.2, 1.4], [0, -0.2, 1.4], [0, 0.15, 0.9], [0, -0.15, 0.9]])
 
 
@@ -52,7 +44,7 @@ def grey_frames() -> Callable[..., Iterator[tuple[int, list[Frame | None]]]]:
             frames: list[Frame | None] = []
             for c, camera in enumerate(recording.rig):
                 image = np.full((camera.size_wh[1], camera.size_wh[0], 3), 100 + c, np.uint8)
-                frames.append(Frame(camera=camera.name, seq=i, t_ns=t_ns, received_ns=t_ns, image=image))
+                frames.append(built.frame(camera.name, t_ns, image, seq=i))
             yield t_ns, [None, *frames[1:]] if i == 1 else frames
 
     return make

@@ -58,11 +58,10 @@ def test_c3d_refuses_uneven_times(tmp_path: Path, make_recording: Make) -> None:
 def test_csv_is_tidy(tmp_path: Path, make_recording: Make) -> None:
     recording = make_recording(people=(4, 9))
     path, metadata = CsvSink().write(recording, tmp_path)
-    lines = path.read_text().splitlines()
     about = json.loads(metadata.read_text())["posefuse"]
     assert about["version"] == __version__
     assert about["rig_id"] == recording.rig.id
-    rows = list(csv.DictReader(lines))
+    rows = list(csv.DictReader(path.read_text().splitlines()))
     assert len(rows) == 7 * 2 * 5
     row = rows[(3 * 2 + 1) * 5 + 2]
     assert (row["t_s"], row["person"], row["keypoint"], row["kind"]) == ("2.12", "9", "right_shoulder", "fused")

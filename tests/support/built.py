@@ -162,8 +162,8 @@ def detections(
     xy: np.ndarray,
     t_ns: int = 0,
     *,
-    score: float = 0.9,
-    sigma_px: float = 2.0,
+    score: float | np.ndarray = 0.9,
+    sigma_px: float | np.ndarray = 2.0,
     skeleton: Skeleton = COCO17,
     **others: Any,
 ) -> Detections2D:
@@ -173,10 +173,18 @@ def detections(
     box = np.concatenate([low.min(axis=0), high.max(axis=0)], axis=1)
     stated = {
         "score": np.where(seen, score, 0.0),
-        "sigma_px": np.full(seen.shape, sigma_px),
+        "sigma_px": np.broadcast_to(sigma_px, seen.shape),
         "box_img": np.where(np.isfinite(box), box, 0),
     }
     return Detections2D(camera=camera, t_ns=t_ns, skeleton=skeleton, xy_img=xy, **(stated | others))
+
+
+def random_detections(rng: np.random.Generator, camera: str, t_ns: int, people: int) -> Detections2D:
+    """People of random numbers, with what detectors may add: what stores them keeps every bit."""
+    k = len(COCO17)
+    xy, score, sigma = (rng.normal(size=(people, k, *shape)) for shape in ((2,), (), ()))
+    cues = {"clothing_lab": rng.normal(size=(people, 3, 3)), "track_id": rng.integers(-1, 9, people)}
+    return detections(camera, xy, t_ns, score=score, sigma_px=sigma, box_img=rng.normal(size=(people, 4)), **cues)
 
 
 def joint_angles(angle_rad: np.ndarray, *, joints: Sequence[str], **others: Any) -> JointAngles:

@@ -22,10 +22,10 @@ def run(*words: str) -> dict[str, Any]:
     return dict(found.run(Terminal(as_json=True)))
 
 
-def marker_page() -> np.ndarray:
-    """(120, 160, 3) a white page with marker 3."""
+def marker_page(number: int = 3) -> np.ndarray:
+    """(120, 160, 3) a white page with one marker."""
     page = np.full((120, 160, 3), 255, np.uint8)
-    page[30:90, 50:110] = cv2.aruco.generateImageMarker(dictionary_of("DICT_4X4_50"), 3, 60)[..., None]
+    page[30:90, 50:110] = cv2.aruco.generateImageMarker(dictionary_of("DICT_4X4_50"), number, 60)[..., None]
     return page
 
 

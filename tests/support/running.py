@@ -8,6 +8,7 @@ import sys
 import threading
 import time
 from collections.abc import Callable, Sequence
+from pathlib import Path
 from typing import IO, Any, TypeVar
 
 T = TypeVar("T")
@@ -15,10 +16,21 @@ PATIENCE_S = 60.0
 _LOOK_S = 0.5
 
 
-def python(*words: str, limit_s: float = 2 * PATIENCE_S, **environment: str) -> subprocess.CompletedProcess[str]:
+def python(
+    *words: str, limit_s: float = 2 * PATIENCE_S, cwd: Path | None = None, **environment: str
+) -> subprocess.CompletedProcess[str]:
     """A run of Python to its end, with what it printed; its environment is that of this process, and these variables."""
     environ = {**os.environ, **environment}
-    return subprocess.run([sys.executable, *words], capture_output=True, text=True, timeout=limit_s, env=environ, check=False)
+    return subprocess.run(
+        [sys.executable, *words], capture_output=True, text=True, timeout=limit_s, env=environ, check=False, cwd=cwd
+    )
+
+
+def printed(*words: str, **more: Any) -> str:
+    """What a run of Python prints that succeeds; the rest as `python`."""
+    done = python(*words, **more)
+    assert done.returncode == 0, done.stderr
+    return done.stdout
 
 
 class Lines:

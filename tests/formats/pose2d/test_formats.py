@@ -2,6 +2,7 @@
 
 import csv
 import json
+import pickle
 from collections.abc import Callable
 from pathlib import Path
 
@@ -11,6 +12,7 @@ from checks import refusal
 
 from posefuse.core import SKELETONS, InputError
 from posefuse.formats.pose2d import FORMATS, UNTRACKED, Pose2DFrames, read_pose2d
+from posefuse.formats.pose2d.deeplabcut import _column_names
 from posefuse.formats.pose2d.frames import keypoint_name
 
 DATA = Path(__file__).parent / "data"
@@ -56,20 +58,18 @@ def each() -> list[tuple[int, int, np.ndarray]]:
 
 
 def alphapose_list(folder: Path) -> Path:
-    rows = [
-        {"image_id": f"{n:06d}.jpg", "category_id": 1, "keypoints": flat(p), "score": 2.9, "box": [1, 2, 3, 4], "idx": [i]}
-        for n, i, p in each()
-    ]
+    about = {"category_id": 1, "score": 2.9, "box": [1, 2, 3, 4]}
+    rows = [{"image_id": f"{n:06d}.jpg", "keypoints": flat(p), "idx": [i], **about} for n, i, p in each()]
     save(folder / "alphapose-results.json", rows)
     return folder
 
 
 def alphapose_by_image(key: str, points: str) -> Callable[[Path], Path]:
     def write(folder: Path) -> Path:
-        images = {
-            f"{number}.jpg": {"version": "AlphaPose v0.3", key: [{points: flat(eighteen(person))} for person in people]}
-            for number, people in zip(NUMBERS, PEOPLE, strict=True)
-        }
+        images = {}
+        for number, people in zip(NUMBERS, PEOPLE, strict=True):
+            listed = [{points: flat(eighteen(person))} for person in people]
+            images[f"{number}.jpg"] = {"version": "AlphaPose v0.3", key: listed}
         return save(folder / "alphapose-results.json", images)
 
     return write
@@ -158,10 +158,6 @@ def test_deeplabcut_files_made_by_pandas() -> None:
 
 
 def test_a_pickle_that_could_run_something_is_refused(tmp_path: Path) -> None:
-    import pickle
-
-    from posefuse.formats.pose2d.deeplabcut import _column_names
-
     refusal(InputError, "not a plain value", lambda: _column_names(pickle.dumps([print]), tmp_path / "x.h5"))
 
 
@@ -182,13 +178,10 @@ def test_larger_keypoint_sets_are_recognised_by_their_number(count: int, name: s
     assert read_pose2d(tmp_path, "cam").skeleton.name == name
 
 
-@pytest.mark.parametrize("name", ["RKnee", "knee_r", "Right Knee", "RIGHT_KNEE", "rightKnee", "right-knee", "rightknee"])
-def test_names_of_keypoints(name: str) -> None:
-    assert keypoint_name(name) == "right_knee"
-
-
-def test_other_names_of_keypoints() -> None:
-    given = {"Nose": "nose", "LBigToe": "left_big_toe", "MidHip": "mid_hip", "mouth_left": "left_mouth", "tail": "tail"}
+def test_names_of_keypoints() -> None:
+    knees = ("RKnee", "knee_r", "Right Knee", "RIGHT_KNEE", "rightKnee", "right-knee", "rightknee")
+    others = {"Nose": "nose", "LBigToe": "left_big_toe", "MidHip": "mid_hip", "mouth_left": "left_mouth", "tail": "tail"}
+    given = dict.fromkeys(knees, "right_knee") | others
     assert {name: keypoint_name(name) for name in given} == given
 
 
