@@ -1,4 +1,4 @@
-"""Videos and image folders as sources: times, order, faults."""
+"""Videos and image folders as sources: times, order, faults, and how much of a camera can be read."""
 
 import itertools
 from fractions import Fraction
@@ -12,7 +12,7 @@ from videos import ScriptedSource, remuxed, write_video
 
 from posefuse.core import Frame, Source, SourceError
 from posefuse.formats.video import VideoWriter
-from posefuse.sources import FramesAhead, ImagesConfig, VideoConfig, frame_sets
+from posefuse.sources import CountedSource, Coverage, FramesAhead, ImagesConfig, VideoConfig, frame_sets, incomplete_cameras
 from posefuse.sources.seeking import ImagesSeeker, VideoSeeker, nearest
 from posefuse.sources.video import recorded_at
 
@@ -255,3 +255,58 @@ def test_a_clock_that_was_never_set_and_a_damaged_file_state_nothing(tmp_path: P
     assert recorded_at(write_video(tmp_path / "a.mp4", BLACK, "mpeg4", stated="1970-01-01T00:00:00.000000Z")) is None
     (tmp_path / "b.mp4").write_bytes(b"not a video")
     assert recorded_at(tmp_path / "b.mp4") is None
+
+
+# --- a camera of which part cannot be read is named, with its share and where it stops
+
+
+PERIOD_NS, WHOLE = 40_000_000, 50
+
+
+def covered(source: Source) -> Coverage:
+    """Of a source that is read to its end."""
+    counted = CountedSource(source, 0)
+    list(counted.frames())
+    return counted.coverage(0, (WHOLE - 1) * PERIOD_NS)
+
+
+def whole(camera: str, frames: int = WHOLE) -> Coverage:
+    return Coverage(camera, frames, frames, (frames - 1) * PERIOD_NS, PERIOD_NS)
+
+
+@pytest.mark.parametrize(
+    ("frames", "coverage", "said"),
+    [
+        (WHOLE, whole("b"), []),
+        (3000, whole("b", 2998), []),
+        (WHOLE, whole("b", 25), ["camera b: it stops at 0.96 s, the recording at 1.96 s"]),
+        (WHOLE, Coverage("b", 50, 0, None, PERIOD_NS), ["camera b: none of its 50 frames can be read"]),
+        (WHOLE, Coverage("b", 50, 40, 49 * PERIOD_NS, PERIOD_NS), ["camera b: 20% of its frames cannot be read (10 of 50)"]),
+        (
+            WHOLE,
+            Coverage("b", 50, 20, 19 * PERIOD_NS, PERIOD_NS),
+            ["camera b: 60% of its frames cannot be read (30 of 50); it stops at 0.76 s, the recording at 1.96 s"],
+        ),
+    ],
+    ids=["whole", "a few missing at the end", "shorter", "without any frame", "gaps", "gaps and shorter"],
+)
+def test_what_is_missing_of_a_camera_is_stated(frames: int, coverage: Coverage, said: list[str]) -> None:
+    assert incomplete_cameras([whole("a", frames), coverage]) == said
+
+
+def test_a_video_is_read_whole_also_with_metadata_that_is_not_utf8(tmp_path: Path) -> None:
+    path, rng = tmp_path / "cam.mp4", np.random.default_rng(0)
+    with VideoWriter(path, SIZE_WH, 25.0, 18) as writer:
+        for i in range(WHOLE):
+            writer.write(rng.integers(0, 255, (48, 64, 3), np.uint8), i * PERIOD_NS)
+    assert covered(VideoConfig(path, "b").build()) == whole("b")
+    content = path.read_bytes()
+    assert b"Lavf" in content
+    path.write_bytes(content.replace(b"Lavf", b"L\xe4vf"))
+    assert covered(VideoConfig(path, "b").build()) == whole("b")
+
+
+def test_frames_that_a_video_states_and_no_longer_holds_are_missing_at_its_end() -> None:
+    source = ScriptedSource("b", [i * PERIOD_NS for i in range(20)])
+    source.stated_frames = WHOLE
+    assert covered(source) == Coverage("b", WHOLE, 20, 19 * PERIOD_NS, PERIOD_NS)
