@@ -1,7 +1,9 @@
-"""The rig watched next to a live session: views at their own times, what is found of them, and the process that does it."""
+"""The rig watched next to a live session: views at own times, what is found of them, of clocks, and the process that does it."""
 
 import os
 import signal
+from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -11,7 +13,10 @@ from live_session import until
 
 from posefuse.calibration.clocks.person_tracks import limb_keypoints
 from posefuse.core import Detections2D, Rig, Truth
+from posefuse.core.view_sequences import ViewSequence
+from posefuse.detection import OracleNoise, oracle_views
 from posefuse.formats.truth import read_truth
+from posefuse.health.clock_finding import ClockFinder
 from posefuse.health.misalignment import CommonTimeSteps
 from posefuse.realtime.capture import LOOP_PAUSE_S
 from posefuse.realtime.rig_watch import RigWatch, RigWatcher, watching
@@ -58,6 +63,16 @@ def test_a_camera_that_is_silent_is_nan_and_one_that_is_ahead_pushes_no_person()
     assert all(np.isfinite(xy[0]).all() and np.isnan(xy[2]).all() for _, xy in read[5:])
     assert np.isfinite(read[5][1][1]).all()
     assert np.isnan(read[-1][1][1]).all()
+
+
+@pytest.mark.parametrize(("apart_s", "there"), [(0.1, True), (0.2, False)])
+def test_views_far_apart_are_not_read_between(apart_s: float, there: bool) -> None:
+    time_steps, read = CommonTimeSteps(("a", "b")), []
+    for i in range(60):
+        for name, late_s in (("a", 0.0), ("b", 0.03)):
+            time_steps.add(name, round((i * apart_s + late_s) * S), line(0), np.ones(2, bool))
+        read += list(time_steps.ready())
+    assert (len(read) > 10) == there
 
 
 def test_nothing_is_read_across_a_gap_nor_where_a_point_was_not_seen() -> None:
@@ -152,3 +167,69 @@ def test_a_watch_that_is_killed_is_reported_and_ends_nothing(truth: Truth) -> No
     with RigWatch(truth.rig, clocks=False) as watch:
         pid = int(watch.whereabouts().split()[-1])
     assert not Path(f"/proc/{pid}").exists()
+
+
+# --- clock offsets of cameras on several machines, from what the oracle sees of a walking person
+
+
+Offsets = np.ndarray | Callable[[float], np.ndarray]
+MACHINES_S = np.array([0.0, 0.05, 0.0, 0.05])
+
+
+@pytest.fixture(scope="module")
+def views(truth: Truth) -> ViewSequence:
+    """As the default network errs: 1.2 px again in every frame, 4 px that stay with a camera and keypoint; and some wild ones."""
+    return oracle_views(truth, OracleNoise(sigma_px=1.2, bias_px=4.0, outlier_share=0.03), seed=4)
+
+
+def late_of(
+    truth: Truth, views: ViewSequence, offset_s: Offsets, seconds: float, rate_hz: float = RATE_HZ, seed: int = 0
+) -> np.ndarray | None:
+    """(C,) s found after some seconds of the clip, played again and again from any moment, with frames lost at random.
+
+    Offsets in s, or what they are at a time in s.
+    """
+    finder, limbs, rng = ClockFinder(truth.rig), limb_keypoints(truth.skeleton.keypoints), np.random.default_rng(seed)
+    frames, found = len(truth.t_ns), None
+    begin = int(rng.integers(frames))
+    for step in range(round(seconds * RATE_HZ)):
+        for c, name in enumerate(truth.rig.names):
+            if rng.random() < rate_hz / RATE_HZ:
+                f, t_s = (begin + step) % frames, step / RATE_HZ
+                t_s += (offset_s(t_s) if callable(offset_s) else offset_s)[c]
+                finder.add(name, 10**15 + round(t_s * 1e9), views.xy_img[f, 0, c][limbs], views.score[f, 0, c][limbs])
+        if step % 30 == 29:
+            found = finder.find() or found
+    return found and np.array([found[name] for name in truth.rig.names])
+
+
+@pytest.mark.parametrize("rate_hz", [30.0, 8.0])
+def test_two_machines_clocks_are_found_even_when_most_frames_are_lost(truth: Truth, views: ViewSequence, rate_hz: float) -> None:
+    off_ms = []
+    for seed in range(3):
+        late_s = late_of(truth, views, MACHINES_S, 16.0, rate_hz, seed)
+        off_ms.append(1000 * (late_s[[1, 3]].mean() - late_s[[0, 2]].mean() - 0.05))
+    assert np.abs(off_ms).max() < 5.0
+
+
+def test_every_camera_has_its_own_and_their_mean_is_zero(truth: Truth, views: ViewSequence) -> None:
+    offset_s = np.array([0.0, 0.25, -0.02, 0.13])
+    late_s = late_of(truth, views, offset_s, 16.0)
+    np.testing.assert_allclose(late_s, offset_s - offset_s.mean(), atol=0.005)
+    assert abs(late_s.mean()) < 1e-6
+
+
+def test_what_cannot_be_known_is_not_reported(truth: Truth, views: ViewSequence) -> None:
+    assert late_of(truth, views, MACHINES_S, 2.0) is None
+    planes = ("xy_img", "score", "sigma_px")
+    still = replace(views, **{name: np.broadcast_to(getattr(views, name)[:1], getattr(views, name).shape) for name in planes})
+    assert late_of(truth, still, MACHINES_S, 8.0) is None
+    alone = ClockFinder(truth.rig)
+    for i in range(100):
+        alone.add("cam00", i * 33_000_000, views.xy_img[i, 0, 0], views.score[i, 0, 0])
+    assert alone.find() is None
+
+
+def test_a_clock_that_is_set_is_followed(truth: Truth, views: ViewSequence) -> None:
+    late_s = late_of(truth, views, lambda t_s: 0.03 * np.eye(4)[2] * (t_s > 20), 50.0)
+    assert late_s[2] - late_s[[0, 1, 3]].mean() == pytest.approx(0.03, abs=0.012)

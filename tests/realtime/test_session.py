@@ -227,7 +227,7 @@ def address(bound: socket.socket) -> str:
     ("source", "words"), [("cam00=video:nowhere.mp4", "no such video"), ("cam00=usb:/dev/video99", "no such device")]
 )
 def test_a_camera_that_cannot_be_opened_is_one_line(demo_session: Path, source: str, words: str) -> None:
-    """What is wrong with the other options is found before, see `test_options`."""
+    """What is wrong with the other options is found before, see `test_values`."""
     good = ("--source", f"cam01=video:{demo_session / 'videos' / 'cam01.mp4'}")
     done = subprocess.run(command(demo_session, *good, source=source), capture_output=True, text=True, check=False, timeout=120)
     assert done.returncode == 1
