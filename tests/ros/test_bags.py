@@ -1,10 +1,12 @@
 from dataclasses import asdict, replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 from built import observations_from_views, recording_from_views, standing, view_sequence
 from built import poses as built_poses
 from checks import refusal
+from mcap.reader import make_reader
 
 from posefuse.core import SKELETONS, InputError, MessageError, PoseSequence, SourceError
 from posefuse.core.skeleton import BLAZEPOSE33
@@ -51,8 +53,6 @@ def test_a_replay_gives_back_what_was_recorded(made, ring_rig):
 
 
 def test_notes_come_back_and_other_libraries_see_them(made, tmp_path, some_pose):
-    from mcap.reader import make_reader
-
     path, note = tmp_path / "noted.mcap", {"settings": '{"rate_hz": 100.0}', "who": "Zoë"}
     with bags.Recorder(path) as recorder:
         recorder.note("session", note)
@@ -80,7 +80,6 @@ def test_rosbags_reads_every_message_of_it(made):
 
 
 def test_mcap_ros2_support_reads_every_message_of_it(made):
-    from mcap.reader import make_reader
     from mcap_ros2.decoder import DecoderFactory
 
     path, _, poses = made
@@ -144,8 +143,6 @@ def test_what_is_no_mcap_or_ends_before_its_header_does_is_reported(tmp_path, so
 
 def test_a_full_disk_leaves_no_empty_file(tmp_path, monkeypatch):
     """Without the flush of the header it would be noticed a chunk later."""
-    from pathlib import Path
-
     real = Path.open
 
     def full(self, mode="r", *args, **kwargs):

@@ -109,11 +109,10 @@ def calculated(workspace: StudioWorkspace, step: Step, recording: str, passed: b
 
 
 @pytest.fixture
-def workspace(tmp_path: Path) -> StudioWorkspace:
+def workspace(workspace: StudioWorkspace) -> StudioWorkspace:
     """With a calibration in which nothing is done yet."""
-    made = StudioWorkspace(tmp_path)
-    save_project(made, READY)
-    return made
+    save_project(workspace, READY)
+    return workspace
 
 
 def test_the_steps_come_in_order() -> None:

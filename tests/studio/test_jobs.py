@@ -23,11 +23,6 @@ from posefuse_studio.shell import state_of
 from posefuse_studio.workspace import StudioWorkspace, read_stored, write_stored
 
 
-@pytest.fixture
-def workspace(tmp_path: Path) -> StudioWorkspace:
-    return StudioWorkspace(tmp_path)
-
-
 def done(workspace: StudioWorkspace, run: Callable[..., Mapping[str, Any]], monkeypatch: pytest.MonkeyPatch) -> Report:
     """The report of a job whose work is `run`, done in this process."""
     workspace.folder(f"{JOBS_FOLDER}/one")
@@ -216,22 +211,11 @@ def test_a_study_with_failed_trials_has_no_green_light(report: Report, shown: tu
 # --- one live session at a time, which gets the cameras
 
 
-class Idle:
-    """Stands for the process of a job: it reports nothing yet."""
-
-    returncode = None
-
-    def __init__(self, *_: Any, **__: Any) -> None:
-        pass
-
-    def poll(self) -> None:
-        """It runs."""
-
-
 @pytest.fixture
-def jobs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Jobs:
-    monkeypatch.setattr(jobs_module.subprocess, "Popen", Idle)
-    return Jobs(StudioWorkspace(tmp_path))
+def jobs(workspace: StudioWorkspace, monkeypatch: pytest.MonkeyPatch) -> Jobs:
+    """Of processes that run and report nothing yet."""
+    monkeypatch.setattr(jobs_module.subprocess, "Popen", lambda *_, **__: SimpleNamespace(returncode=None, poll=lambda: None))
+    return Jobs(workspace)
 
 
 def cancelled(jobs: Jobs, job: str) -> bool:
