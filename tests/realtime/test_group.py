@@ -11,6 +11,7 @@ from contextlib import contextmanager
 from dataclasses import replace
 from types import SimpleNamespace
 
+import built
 import cv2
 import numpy as np
 import pytest
@@ -55,8 +56,7 @@ class SlowDetector:
         self.seq += 1
         image = np.full((48, 64, 3), 100 * (self.seq % 2), np.uint8)
         for name, capture in zip(NAMES, self.group._captures, strict=True):
-            frame = Frame(camera=name, seq=self.seq, t_ns=self.seq * PERIOD_NS, received_ns=0, image=image)
-            capture.put(Caught(frame, 0))
+            capture.put(Caught(built.frame(name, self.seq * PERIOD_NS, image, seq=self.seq), 0))
 
 
 def plan_of(rig: Rig, clock: SessionClock, cameras: tuple[str, ...]) -> GroupPlan:
@@ -127,8 +127,7 @@ def on_card(ring_rig, tmp_path, monkeypatch: pytest.MonkeyPatch):
                 group._expected = Expected(clock.now_ns(), xyz, np.zeros_like(xyz))
             for name, capture in zip(rig.names, group._captures, strict=True):
                 image = np.ascontiguousarray(cv2.imread(str(tmp_path / "images" / name / "000000.png"))[..., ::-1])
-                frame = Frame(camera=name, seq=0, t_ns=clock.now_ns(), received_ns=0, image=image)
-                capture.put(Caught(frame, 0))
+                capture.put(Caught(built.frame(name, clock.now_ns(), image), 0))
             while len(seen) < len(rig):
                 group._look_at_next()
                 seen += iter(ours.receive, None)
@@ -258,7 +257,7 @@ def watched(ring_rig, monkeypatch: pytest.MonkeyPatch):
                 now_s = next(clock_s)
                 monkeypatch.setattr(group_module.time, "monotonic", lambda now_s=now_s: now_s)
                 t_ns = 100 * S + i * PERIOD_NS
-                frame = Frame(camera="cam00", seq=i, t_ns=t_ns, received_ns=t_ns + 20_000_000, image=one)
+                frame = built.frame("cam00", t_ns, one, seq=i, received_ns=t_ns + 20_000_000)
                 group._look([(group._captures[0], Caught(frame, 0))], group._expected)
             monkeypatch.undo()
             messages = list(iter(ours.receive, None))
@@ -292,36 +291,17 @@ def test_with_a_person_every_frame_is_reported(watched) -> None:
 
 
 def test_views_that_would_make_the_next_output_late_wait(watched, ring_rig) -> None:
-    messages, _, _ = watched(5, people=1)
-
-    class Clock:
-        """Every look at it takes a tenth of a millisecond: so does a view, which looks several times."""
-
-        now = 101 * S
-
-        def now_ns(self) -> int:
-            self.now += 100_000
-            return self.now
-
-    class Intake:
-        def __init__(self) -> None:
-            self.left = list(messages)
-
-        def channels(self) -> list[Channel]:
-            return []
-
-        def messages(self):
-            while self.left:
-                yield self.left.pop(0)
-
-    clock, intake = Clock(), Intake()
-    fusion = fusion_of(ring_rig, clock)
-    due_ns = clock.now + 800_000
+    left, _, _ = watched(5, people=1)
+    # every look at the clock takes a tenth of a millisecond: so does a view, which looks several times
+    now_ns = itertools.count(101 * S, 100_000)
+    intake = SimpleNamespace(channels=list, messages=lambda: (left.pop(0) for _ in range(len(left))))
+    fusion = fusion_of(ring_rig, SimpleNamespace(now_ns=now_ns.__next__))
+    due_ns = 101 * S + 800_000
     fusion._listen(intake, due_ns)
-    assert 0 < len(intake.left) < 4
-    assert due_ns <= clock.now < due_ns + 500_000
-    fusion._listen(intake, clock.now + 50_000_000)
-    assert not intake.left
+    assert 0 < len(left) < 4
+    assert due_ns <= next(now_ns) < due_ns + 500_000
+    fusion._listen(intake, next(now_ns) + 50_000_000)
+    assert not left
     assert fusion.used["cam00"] == 5
 
 

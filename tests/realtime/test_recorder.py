@@ -18,6 +18,7 @@ import numpy as np
 import pytest
 from calibrating import marker_page
 from checks import refusal
+from commands import error, figures, oracle
 from live_session import until
 from memory_source import Clip
 
@@ -38,7 +39,7 @@ from posefuse.pipeline.session import find_session
 from posefuse.realtime import video_keeping
 from posefuse.realtime.capture import Capture, LiveInput
 from posefuse.realtime.inputs import inputs_from_arguments
-from posefuse.realtime.video_keeping import VideoKeeper, read_counts, wait_for_videos
+from posefuse.realtime.video_keeping import KeptCounts, VideoKeeper, read_counts, wait_for_videos
 from posefuse.realtime.watching import CameraFeed, detail_left, exposure_warning, focus_warning
 from posefuse.sources.arriving import with_earlier
 from posefuse.sources.video import VideoConfig
@@ -66,7 +67,7 @@ def test_every_frame_is_kept_at_its_own_time(tmp_path: Path) -> None:
 
 @dataclass(frozen=True)
 class Late(Clip):
-    """Delivers its first frame late, then four more at a tenth of a second each."""
+    """Delivers its first frame late, then 99 more at 50 Hz."""
 
     wait_s: float = 0.0
 
@@ -100,41 +101,35 @@ class Silent(Clip):
         yield from ()
 
 
-def run(arguments: list[str], sources: dict[str, Any], monkeypatch: pytest.MonkeyPatch) -> int:
-    """`posefuse record` with these sources."""
-    inputs = [LiveInput(name, "clip", source, reopen=False) for name, source in sources.items()]
-    monkeypatch.setattr(recording, "inputs_from_arguments", lambda *ignored: inputs)
-    return main(["record", *arguments, "--json"])
+@pytest.fixture
+def recorded(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture):
+    """Runs `posefuse record --out s` with sources, and gives its exit code and what it printed."""
+
+    def run(*sources: Clip) -> tuple[int, str, str]:
+        inputs = [LiveInput(source.camera, "clip", source, reopen=False) for source in sources]
+        monkeypatch.setattr(recording, "inputs_from_arguments", lambda *ignored: inputs)
+        return main(["record", "--out", str(tmp_path / "s"), "--json"]), *capsys.readouterr()
+
+    return run
 
 
-def test_a_recording_without_frames_is_an_error_that_leaves_nothing(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture
-) -> None:
-    assert run(["--out", str(tmp_path / "s")], {"a": Silent("a", GOOD)}, monkeypatch) == 1
-    printed = capsys.readouterr()
-    assert "no frame came from a: nothing was recorded" in printed.err
-    assert "next:" not in printed.err + printed.out
+def test_a_recording_without_frames_is_an_error_that_leaves_nothing(recorded, tmp_path: Path) -> None:
+    code, out, err = recorded(Silent("a", GOOD))
+    assert code == 1 and "no frame came from a: nothing was recorded" in err and "next:" not in err + out
     assert not list(tmp_path.iterdir())
 
 
-def test_a_recording_stopped_before_its_first_frame_leaves_nothing_and_claims_nothing(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture
-) -> None:
+def test_a_recording_stopped_before_its_first_frame_leaves_nothing_and_claims_nothing(recorded, tmp_path: Path) -> None:
     threading.Timer(0.5, signal.raise_signal, [signal.SIGINT]).start()
-    assert run(["--out", str(tmp_path / "s")], {"a": Silent("a", GOOD, endless=True)}, monkeypatch) == 130
-    assert capsys.readouterr().out == ""
+    assert recorded(Silent("a", GOOD, endless=True))[:2] == (130, "")
     assert not list(tmp_path.iterdir())
 
 
-def test_a_camera_without_frames_and_lost_frames_end_in_an_error_that_names_them(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture
-) -> None:
-    sources = {"a": clip("a"), "b": Silent("b", GOOD), "c": Gap("c", GOOD, STAMPS_NS)}
-    assert run(["--out", str(tmp_path / "s")], sources, monkeypatch) == 1
-    printed = capsys.readouterr()
-    assert "b: no frame came" in printed.err
-    assert "c: 7 frames are missing: the source did not deliver them" in printed.err
-    assert json.loads(printed.out)["videos"]["a"]["written"] == len(STAMPS_NS)
+def test_a_camera_without_frames_and_lost_frames_end_in_an_error_that_names_them(recorded, tmp_path: Path) -> None:
+    code, out, err = recorded(clip("a"), Silent("b", GOOD), Gap("c", GOOD, STAMPS_NS))
+    assert code == 1 and "b: no frame came" in err
+    assert "c: 7 frames are missing: the source did not deliver them" in err
+    assert json.loads(out)["videos"]["a"]["written"] == len(STAMPS_NS)
     assert json.loads((tmp_path / "s" / "videos" / "c.json").read_text())["lost"]
 
 
@@ -148,9 +143,7 @@ class Gap(Clip):
 
 
 @pytest.mark.realtime
-def test_a_recording_that_is_killed_is_named_and_completed_by_one_command(
-    tmp_path: Path, demo_session: Path, capsys: pytest.CaptureFixture
-) -> None:
+def test_a_recording_that_is_killed_is_named_and_completed_by_one_command(tmp_path: Path, demo_session: Path, capsys) -> None:
     session = tmp_path / "session"
     source = ["--source", f"cam00=video:{demo_session / 'videos' / 'cam00.mp4'}"]
     command = [sys.executable, "-m", "posefuse", "record", *source, "--out", str(session)]
@@ -159,27 +152,21 @@ def test_a_recording_that_is_killed_is_named_and_completed_by_one_command(
             until(lambda: any(path.stat().st_size > 30_000 for path in tmp_path.glob(".session.*.unfinished/videos/cam00.mp4")))
         finally:
             process.kill()
-    assert main(command[3:]) == 1
-    assert f"`posefuse record --resume --out {session}` completes it" in capsys.readouterr().err
-    assert main(["record", "--resume", "--out", str(session)]) == 1
-    assert "is it still being recorded?" in capsys.readouterr().err
+    resume = ("record", "--resume", "--out", session)
+    assert f"`posefuse record --resume --out {session}` completes it" in error(capsys, *command[3:])
+    assert "is it still being recorded?" in error(capsys, *resume)
     for path in tmp_path.glob(".session.*/videos/*"):
         os.utime(path, (0, 0))
-    assert main(["record", "--resume", "--out", str(session), "--json"]) == 0
-    written = json.loads(capsys.readouterr().out)["videos"]["cam00"]["written"]
+    written = figures(capsys, *resume)["videos"]["cam00"]["written"]
     times_ns = VideoConfig(session / "videos" / "cam00.mp4", "cam00").build().times_ns()
     assert len(times_ns) == written > 10
     assert [path.name for path in tmp_path.iterdir()] == ["session"]
-    assert main(["record", "--resume", "--out", str(session)]) == 1
-    assert "nothing to resume" in capsys.readouterr().err
+    assert "nothing to resume" in error(capsys, *resume)
 
 
 def test_a_bad_exposure_is_named_and_a_good_one_is_not() -> None:
-    white, dark = GOOD.copy(), GOOD // 5
-    white[:20] = 255
-    assert exposure_warning(GOOD) == ""
-    assert exposure_warning(white).startswith("overexposed: ")
-    assert exposure_warning(dark).startswith("dark: ")
+    white = np.concatenate([np.full_like(GOOD[:20], 255), GOOD[20:]])
+    assert [exposure_warning(one).partition(":")[0] for one in (GOOD, white, GOOD // 5)] == ["", "overexposed", "dark"]
 
 
 def test_sources_need_no_rig_and_keep_their_order() -> None:
@@ -205,10 +192,10 @@ def test_what_guide_has_seen_is_a_session(tmp_path: Path) -> None:
     session, target = tmp_path / "session", write_target(tmp_path / "cube.toml", Markers(0.1))
     found = parse(["calibrate", "guide", "--target", str(target), *sources, "--record", str(session)])
     assert found is not None
-    figures = found.run(Terminal(as_json=True))
-    assert not figures["enough"] and figures["exit_code"] == 0
+    stated = found.run(Terminal(as_json=True))
+    assert not stated["enough"] and stated["exit_code"] == 0
     # a busy machine leaves out frames that it could not decode before the next was due
-    written = {name: one["written"] for name, one in figures["videos"].items()}
+    written = {name: one["written"] for name, one in stated["videos"].items()}
     assert set(written) == {"a", "b"} and all(3 <= count <= 12 for count in written.values())
     assert read_counts(session / "videos", ["b"])["b"].written == written["b"]
     times_ns = VideoConfig(session / "videos" / "b.mp4", "b").build().times_ns()
@@ -219,21 +206,21 @@ def test_what_guide_has_seen_is_a_session(tmp_path: Path) -> None:
 # --- `posefuse live --videos`: nothing waits for the disk, what is dropped is counted, and the folder is a session
 
 
-def frame(i: int) -> Pixels:
-    return Pixels(np.full((32, 48, 3), i % 250, np.uint8))
+def offered(keeper: VideoKeeper, numbers: range) -> VideoKeeper:
+    """It, after frames of these numbers at 100 Hz."""
+    for i in numbers:
+        keeper.offer(Pixels(np.full((32, 48, 3), i % 250, np.uint8)), i * 10_000_000)
+    return keeper
 
 
-def finished(keeper: VideoKeeper) -> None:
+def finished(keeper: VideoKeeper, folder: Path) -> KeptCounts:
     keeper.finish()
     wait_for_videos([keeper])
+    return read_counts(folder, ["cam"])["cam"]
 
 
 def test_all_frames_after_the_session_began_are_kept(tmp_path: Path) -> None:
-    keeper = VideoKeeper(tmp_path, "cam")
-    for i in range(-3, 20):
-        keeper.offer(frame(i), i * 10_000_000)
-    finished(keeper)
-    [counts] = read_counts(tmp_path, ["cam"]).values()
+    counts = finished(offered(VideoKeeper(tmp_path, "cam"), range(-3, 20)), tmp_path)
     assert (counts.written, counts.dropped, counts.fault, counts.finished) == (20, 0, "", True)
     np.testing.assert_allclose(VideoConfig(tmp_path / "cam.mp4", "cam").build().times_ns(), np.arange(20) * 10_000_000, atol=1000)
 
@@ -273,21 +260,15 @@ def test_a_slow_disk_is_not_waited_for(tmp_path: Path, monkeypatch: pytest.Monke
 
     monkeypatch.setattr(video_keeping.KeptVideo, "write", slow)
     monkeypatch.setattr(video_keeping, "_ROOM_BYTES", 32 * 32 * 48 * 3)
-    keeper = VideoKeeper(tmp_path, "cam")
-    for i in range(100):
-        keeper.offer(frame(i), i * 10_000_000)
+    keeper = offered(VideoKeeper(tmp_path, "cam"), range(100))
     assert keeper.counts().dropped >= 100 - 34
     free.set()
-    finished(keeper)
-    [counts] = read_counts(tmp_path, ["cam"]).values()
-    assert counts.written + counts.dropped == 100
-    assert counts.written >= 32
+    counts = finished(keeper, tmp_path)
+    assert counts.written + counts.dropped == 100 and counts.written >= 32
     assert set(counts.lost) == {"the disk or the processor is too slow for this rate"}
 
 
-def test_a_video_that_still_makes_progress_is_finished_and_one_that_does_not_is_given_up(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_video_that_still_makes_progress_is_finished_and_one_that_does_not_is_given_up(tmp_path: Path, monkeypatch) -> None:
     """The disk takes a frame every 50 ms, and the one of the other camera nothing more."""
     monkeypatch.setattr(video_keeping, "FINISH_S", 0.5)
     free, write = threading.Event(), video_keeping.KeptVideo.write
@@ -299,10 +280,8 @@ def test_a_video_that_still_makes_progress_is_finished_and_one_that_does_not_is_
         return write(self, one, t_ns)
 
     monkeypatch.setattr(video_keeping.KeptVideo, "write", slow)
-    keepers = [VideoKeeper(tmp_path, name) for name in ("cam", "stuck")]
+    keepers = [offered(VideoKeeper(tmp_path, name), range(40)) for name in ("cam", "stuck")]
     for keeper in keepers:
-        for i in range(40):
-            keeper.offer(frame(i), i * 10_000_000)
         keeper.finish()
     wait_for_videos(keepers)
     counts = read_counts(tmp_path, ["cam", "stuck"])
@@ -318,8 +297,7 @@ def test_of_two_videos_of_a_camera_both_are_finished_at_the_end(tmp_path: Path) 
     for name in ("first", "second"):
         (tmp_path / name).mkdir()
         capture.exchange_keeper(VideoKeeper(tmp_path / name, "cam"))
-        for i in range(200):
-            capture._keeper.offer(frame(i), i * 10_000_000)
+        offered(capture._keeper, range(200))
     wait_for_videos(capture.close())
     for name in ("first", "second"):
         [counts] = read_counts(tmp_path / name, ["cam"]).values()
@@ -331,11 +309,7 @@ def test_a_full_disk_ends_the_video_and_is_reported(tmp_path: Path, monkeypatch:
         raise InputError("cam.mp4: cannot be written (No space left on device)")
 
     monkeypatch.setattr(video_keeping.KeptVideo, "write", full)
-    keeper = VideoKeeper(tmp_path, "cam")
-    for i in range(5):
-        keeper.offer(frame(i), i * 10_000_000)
-    finished(keeper)
-    [counts] = read_counts(tmp_path, ["cam"]).values()
+    counts = finished(offered(VideoKeeper(tmp_path, "cam"), range(5)), tmp_path)
     assert (counts.written, counts.dropped, counts.finished) == (0, 5, False)
     assert "No space left" in counts.fault
     assert "was not finished" in read_counts(tmp_path, ["other"])["other"].fault
@@ -355,37 +329,28 @@ def test_a_folder_of_videos_that_a_full_disk_leaves_incomplete_is_one_line_that_
 
 
 @pytest.mark.realtime
-def test_a_session_kept_with_its_videos_can_be_tracked(
-    tmp_path: Path, demo_session: Path, models: None, capsys: pytest.CaptureFixture
-) -> None:
+def test_a_session_kept_with_its_videos_can_be_tracked(tmp_path: Path, demo_session: Path, models: None, capsys) -> None:
     sources = [part for i in range(4) for part in ("--source", f"cam0{i}=video:{demo_session}/videos/cam0{i}.mp4")]
     kept = tmp_path / "kept"
-    command = ["live", str(demo_session / "rig.toml"), *sources, "--videos", str(kept), "--duration", "3", "--json"]
-    assert main(command) == 0
-    figures = json.loads(capsys.readouterr().out)
+    found = figures(capsys, "live", demo_session / "rig.toml", *sources, "--videos", kept, "--duration", "3")
     session = find_session(kept, TrackConfig())
     assert session.rig.names == ("cam00", "cam01", "cam02", "cam03")
     assert (kept / MARK_FILE).is_file()
-    for name, counts in figures["videos"].items():
-        found = VideoConfig(kept / "videos" / f"{name}.mp4", name).build().times_ns()
-        original = VideoConfig(demo_session / "videos" / f"{name}.mp4", name).build().times_ns()
+    for name, counts in found["videos"].items():
+        times, original = (VideoConfig(one / "videos" / f"{name}.mp4", name).build().times_ns() for one in (kept, demo_session))
         assert counts["how"] == "copied"
-        assert len(found) >= counts["written"] > 0
-        nearest = np.abs(original[None] - found[:, None]).min(axis=1)
-        assert nearest.max() <= 1_000
+        assert len(times) >= counts["written"] > 0
+        assert np.abs(original[None] - times[:, None]).min(axis=1).max() <= 1_000
 
 
 @pytest.mark.realtime
-def test_a_live_recording_has_its_videos_on_its_own_time_and_the_names_that_were_given(
-    tmp_path: Path, demo_session: Path
-) -> None:
+def test_a_live_recording_has_its_videos_on_its_own_time_and_the_names_given(tmp_path: Path, demo_session: Path) -> None:
     """Every detection was made in a frame, so that the video has a frame at its time."""
     pytest.importorskip("rosbags")
-    oracle = {"detector.name": "oracle", "detector.options.truth": str(demo_session / "truth" / "truth.npz")}
     videos, path = tmp_path / "videos", tmp_path / "recording.mcap"
     videos.mkdir()
     (tmp_path / "rig.toml").write_bytes((demo_session / "rig.toml").read_bytes())
-    with pf.live(demo_session / "rig.toml", [f"sim:{demo_session}"], record=path, settings=oracle) as session:
+    with pf.live(demo_session / "rig.toml", [f"sim:{demo_session}"], record=path, settings=oracle()) as session:
         [person] = next(pose for pose in session if len(pose.person_id)).person_id.tolist()
         session.keep_videos(videos)
         session.name_person(person, "Ada")
