@@ -161,7 +161,7 @@ def test_angles_take_the_shorter_path_and_gaps_and_new_people_start_again():
 def test_parts_are_published_in_the_world(kept):
     output = RosOutput(kept)
     for i in range(3):
-        output.step(dataclasses.replace(person(), t_ns=5 * S + i * S // 100))
+        output.step(person(t_ns=5 * S + i * S // 100))
     pose, cov = kept.on("/humans/bodies/p1/left_hand/pose")[0], kept.on("/humans/bodies/p1/left_hand/pose_with_covariance")[0]
     assert pose.header.frame_id == "world" and pose.pose.position.x == pytest.approx(0.65)
     assert cov.pose.covariance[0] == pytest.approx(0.5e-4, rel=1e-3)
@@ -200,10 +200,13 @@ def world_from_links(text: str, state: dict[str, float]) -> dict[str, np.ndarray
 def test_the_model_with_the_joint_states_stands_where_the_person_was_seen():
     pose = person()
     xyz = pose.xyz_world.copy()
-    xyz[0, BLAZE.index("left_elbow")] = [0.1, 0.2 + 0.2, 1.4 - 0.2]
-    xyz[0, BLAZE.index("left_wrist")] = [0.3, 0.3, 1.3]
-    xyz[0, BLAZE.index("right_knee")] = [0.3, -0.15, 0.7]
-    xyz[0, BLAZE.index("right_ankle")] = [0.1, -0.15, 0.35]
+    bent = {
+        "left_elbow": [0.1, 0.4, 1.2],
+        "left_wrist": [0.3, 0.3, 1.3],
+        "right_knee": [0.3, -0.15, 0.7],
+        "right_ankle": [0.1, -0.15, 0.35],
+    }
+    xyz[0, BLAZE.indices(bent)] = list(bent.values())
     points = xyz[:, [BLAZE.index(name) for name in POINTS]]
     # sides that differ would not meet: a model has the mean of both
     lengths = sizes_from_points(points)
@@ -224,12 +227,11 @@ def test_the_model_with_the_joint_states_stands_where_the_person_was_seen():
 def test_a_model_comes_once_the_person_is_known_and_again_when_lengths_change(kept):
     output, topic = RosOutput(kept), "/humans/bodies/p1/urdf"
     for i in range(100):
-        output.step(dataclasses.replace(person(np.random.default_rng(i), 0.005), t_ns=5 * S + i * S // 100))
+        output.step(person(np.random.default_rng(i), 0.005, t_ns=5 * S + i * S // 100))
     (first,) = kept.on(topic)
     assert 'xyz="0 0 -0.3' in first.data.replace("0.0000", "0") and topics.body("p1", "urdf").latched
-    longer = SE3.identity()
     for i in range(200):
-        pose = person(moved=longer, t_ns=7 * S + i * S // 100)
+        pose = person(t_ns=7 * S + i * S // 100)
         output.step(dataclasses.replace(pose, xyz_world=1.2 * pose.xyz_world))
     assert len(kept.on(topic)) > 1
 
@@ -274,11 +276,16 @@ def test_signs_of_the_reference_urdf(standing):
         assert joint(bodies, name) == pytest.approx(value, abs=1e-6), name
 
 
+def anywhere(some_pose, seed):
+    """Three people whose keypoints are all seen, anywhere."""
+    pose = some_pose(people=3, seed=seed)
+    return dataclasses.replace(pose, xyz_world=np.random.default_rng(seed).normal(size=pose.xyz_world.shape))
+
+
 @pytest.mark.parametrize("seed", range(20))
 def test_the_urdf_chain_points_limbs_where_they_were_seen(some_pose, seed):
     """Forward kinematics with the joint axes of `human_description`, against the input."""
-    pose = some_pose(people=3, seed=seed)
-    pose = dataclasses.replace(pose, xyz_world=np.random.default_rng(seed).normal(size=pose.xyz_world.shape))
+    pose = anywhere(some_pose, seed)
     bodies = bodies_from_pose(pose)
     for n in range(3):
         body, q = link(bodies, "body", n).matrix(), dict(zip(JOINTS, bodies.position_rad[n].tolist(), strict=True))
@@ -303,8 +310,7 @@ def test_the_urdf_chain_points_limbs_where_they_were_seen(some_pose, seed):
 
 
 def test_moving_the_world_moves_the_links_and_leaves_the_joints(some_pose):
-    pose = some_pose(people=3, seed=4)
-    pose = dataclasses.replace(pose, xyz_world=np.random.default_rng(4).normal(size=pose.xyz_world.shape))
+    pose = anywhere(some_pose, 4)
     new_from_old = SE3.from_rotvec([0.3, -0.8, 0.5], [1.0, 2, 3])
     before, after = bodies_from_pose(pose), bodies_from_pose(dataclasses.replace(pose, xyz_world=new_from_old @ pose.xyz_world))
     np.testing.assert_allclose(after.position_rad, before.position_rad, atol=1e-8)

@@ -74,19 +74,15 @@ def test_types_have_the_checksums_ros1_programs_expect(type_name):
 
 def test_the_documented_packages_hold_every_type_that_is_sent():
     """`rostopic echo` needs the Python package of a type; ours and hri_msgs are built by the user, as docs/ros.md says."""
-    sources = [
-        *(ROOT / "packages/posefuse-ros/src/posefuse_ros").glob("*.py"),
-        *(ROOT / "packages/posefuse-teleop").rglob("*.py"),
+    paths = [
+        path for name in ("posefuse-ros/src/posefuse_ros", "posefuse-teleop") for path in (ROOT / "packages" / name).rglob("*.py")
     ]
-    types = {found for path in sources for found in re.findall(r'"(\w+_msgs)/msg/', path.read_text(encoding="utf-8"))}
+    text = "\n".join(path.read_text(encoding="utf-8") for path in paths)
     # rosgraph_msgs comes with rospy; Foxglove's types go to recordings of ROS 2 only
-    wanted = {
-        f"python3-{one.replace('_', '-')}" for one in types - {"posefuse_msgs", "hri_msgs", "foxglove_msgs", "rosgraph_msgs"}
-    }
+    types = {*re.findall(r'"(\w+_msgs)/msg/', text)} - {"posefuse_msgs", "hri_msgs", "foxglove_msgs", "rosgraph_msgs"}
+    wanted = {f"python3-{one.replace('_', '-')}" for one in types}
     listed = set(re.findall(r"python3-[a-z0-9-]+", (ROOT / "docs/ros.md").read_text(encoding="utf-8").split("## ROS 1")[1]))
     assert len(wanted) > 5 and wanted <= listed
-    imported = {
-        one for path in sources for one in re.findall(r"^\s+import (ros\w+|genpy)$", path.read_text(encoding="utf-8"), re.M)
-    }
+    imported = {*re.findall(r"^\s+import (ros\w+|genpy)$", text, re.M)}
     # python3-rospy depends on the packages of all three
     assert {"rospy", "rosgraph", "genpy"} == imported - {"rosbags"}
