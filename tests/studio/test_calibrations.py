@@ -66,9 +66,8 @@ def result(
     kind: CheckKind = "record",
     rests_on: str = "",
 ) -> StepResult:
-    check = Check("enough views", passed, detail, remedy, kind)
-    return StepResult(passed=passed, recording=recording, cameras=["left", "right"], rests_on=rests_on,
-                      reports=[CalibrationReport(step, (check,))])  # fmt: skip
+    reports = [CalibrationReport(step, (Check("enough views", passed, detail, remedy, kind),))]
+    return StepResult(passed=passed, recording=recording, cameras=["left", "right"], rests_on=rests_on, reports=reports)
 
 
 def none_yet(project: Project = READY) -> Known:
@@ -158,11 +157,9 @@ def test_a_refusal_leads_to_the_step_that_is_to_blame(refused: Step, kind: Check
     assert without.step != "intrinsics"
 
 
-def test_clocks_of_an_earlier_calibration_are_not_applied(
-    workspace: StudioWorkspace, monkeypatch: pytest.MonkeyPatch, ring_rig: Any
-) -> None:
+def test_clocks_of_an_earlier_calibration_are_not_applied(workspace: StudioWorkspace, monkeypatch, ring_rig: Any) -> None:
     recording = recorded(workspace, "extrinsics")
-    cube, _ = print_targets(workspace, SIZES, "a4", "verify")
+    cube, board = print_targets(workspace, SIZES, "a4", "verify")
     seen = SimpleNamespace(of_patches=lambda ids: ())
     monkeypatch.setattr(calibrate, "observe_target", lambda *_, **__: seen)
     rig, applied = rig_of(ring_rig(2)), []
@@ -178,12 +175,8 @@ def test_clocks_of_an_earlier_calibration_are_not_applied(
         monkeypatch.setattr(calibrate.pf, "calibrate_extrinsics", lambda *_, found=found, **__: found)
         arguments = {"step": "extrinsics", "folder": READY.folder, "recording": recording, "target": cube}
         assert calibrate.run(arguments, workspace, None)["passed"]
-        calibrate.run({**arguments, "step": "verify", "target": workspace.name_of(board_of(workspace))}, workspace, None)
+        calibrate.run({**arguments, "step": "verify", "target": board}, workspace, None)
     assert applied == [{"cam01": pytest.approx(0.12)}, {}]
-
-
-def board_of(workspace: StudioWorkspace) -> Path:
-    return next(workspace.path("targets").glob("board*.toml"))
 
 
 def test_any_number_of_recordings_of_a_step_can_be_made(workspace: StudioWorkspace) -> None:
@@ -264,10 +257,10 @@ def test_targets_are_offered_for_what_they_can_do(tmp_path: Path) -> None:
     assert {step: targets(workspace, step) for step in STEPS} == {
         "intrinsics": [board], "extrinsics": [cube], "verify": sorted([small, board])
     }  # fmt: skip
-    with pytest.raises(CalibrationError, match=r"at least 8 corners .* got 6 on one of 4 x 3"):
-        print_targets(workspace, SIZES | {"columns": 4, "rows": 3}, "a4", "intrinsics")
-    with pytest.raises(InputError, match="a board for the lenses and the verification"):
-        check_target(read_target(workspace.existing(cube)), "verify")
+    few = SIZES | {"columns": 4, "rows": 3}
+    refusal(CalibrationError, r"at least 8 corners .* got 6 on one of 4 x 3", print_targets, workspace, few, "a4", "intrinsics")
+    target = read_target(workspace.existing(cube))
+    refusal(InputError, "a board for the lenses and the verification", check_target, target, "verify")
 
 
 def test_a_calculation_refuses_the_target_of_another_step(workspace: StudioWorkspace) -> None:

@@ -107,9 +107,7 @@ def test_a_job_that_stopped_reporting_is_lost_with_its_last_words(workspace: Stu
 
 
 @pytest.mark.parametrize("jump_s", [-7200.0, 7200.0])
-def test_a_job_that_reports_is_not_lost_when_the_clock_is_set(
-    workspace: StudioWorkspace, monkeypatch: pytest.MonkeyPatch, jump_s: float
-) -> None:
+def test_a_job_that_reports_is_not_lost_when_the_clock_is_set(workspace: StudioWorkspace, monkeypatch, jump_s: float) -> None:
     jobs, real = Jobs(workspace), time.time
     stored_job(workspace, "one", begun_s=real())
     reporter = job_process.JobReporter(workspace, "one")
@@ -125,8 +123,8 @@ def test_a_job_that_reports_is_not_lost_when_the_clock_is_set(
 
 
 @pytest.mark.parametrize("jump_s", [-7200.0, 7200.0])
-def test_a_report_of_before_the_clock_was_set_counts_from_when_it_is_read(
-    workspace: StudioWorkspace, monkeypatch: pytest.MonkeyPatch, jump_s: float
+def test_a_report_of_before_the_clock_was_set_counts_from_its_reading(
+    workspace: StudioWorkspace, monkeypatch, jump_s: float
 ) -> None:
     jobs, real = Jobs(workspace), time.time
     for i in range(2):

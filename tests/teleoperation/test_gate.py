@@ -22,7 +22,7 @@ BODY_XYZ = person_view(HAND, 0).body_xyz_world
 
 
 class Run:
-    """Operator and robot step by step; `change`, and fields of the view, `robot` and `cameras`, alter what the operator's side gets."""
+    """Operator and robot step by step; `change`, and fields of the view, `robot` and `cameras`, alter what the operator gets."""
 
     def __init__(self, settings=SETTINGS):
         self.settings, self.now_ns, self.seq = settings, 10**12, 0
