@@ -12,18 +12,18 @@ from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
-from built import admitted, camera_state
+from built import camera_state
 from live_session import until
 from no_outputs import NoOutputs
 
 from posefuse.cli.live import exit_code
-from posefuse.core import SKELETONS, CameraHealth, Detections2D, JointCentres
+from posefuse.core import CameraHealth, Detections2D, JointCentres
 from posefuse.core.skeleton import COCO17
 from posefuse.foundation.channel import Channel
 from posefuse.foundation.worker import Worker
 from posefuse.health.cameras import Monitor
 from posefuse.realtime import news, processes
-from posefuse.realtime.messages import KeepVideos, Ready, SeenView, SessionClock, Status, Stop
+from posefuse.realtime.messages import KeepVideos, Ready, SessionClock, Status, Stop
 from posefuse.realtime.news import News, ProcessedImages, never_waiting
 from posefuse.realtime.session import closing_lines
 
@@ -47,15 +47,16 @@ def test_a_slow_machine_is_reported_once_with_what_helps(share: float, smaller: 
     assert [line for line in found if line] == [f"this computer processes 9% of the images: {words}" for words in advice]
 
 
-def seen_at_zero(camera: str) -> SeenView:
-    empty = Detections2D.empty(camera, 0, SKELETONS["coco17"])
-    return SeenView(detections=empty, state=None, received_ns=0, started_ns=0, detected_ns=0)
+def of_cameras(*names: str) -> Monitor:
+    """Of cameras that each had a view at zero."""
+    monitor = Monitor(names)
+    for name in names:
+        monitor.admit(Detections2D.empty(name, 0, COCO17), 0, received_ns=0, still=0)
+    return monitor
 
 
 def test_a_camera_whose_frames_wait_is_not_silent() -> None:
-    monitor = Monitor(("slow", "gone"))
-    for name in ("slow", "gone"):
-        admitted(monitor, seen_at_zero(name), 0)
+    monitor = of_cameras("slow", "gone")
     for t in range(5):
         monitor.take_state(camera_state("slow", 30 * t, 1), t * S)
         monitor.take_state(camera_state("gone", 1, 1), t * S)
@@ -66,8 +67,7 @@ def test_a_camera_whose_frames_wait_is_not_silent() -> None:
 def test_a_camera_is_not_silent_while_its_process_owes_a_report() -> None:
     """A process at work on one image reports when that is done; it is judged itself meanwhile."""
     for regular, state_at in ((True, "ok"), (False, "silent")):
-        monitor = Monitor(("a",))
-        admitted(monitor, seen_at_zero("a"), 0)
+        monitor = of_cameras("a")
         monitor.take_state(camera_state("a", 1, 1), 0, regular=regular)
         assert monitor.judge(S * 3 // 2, {})["a"].state == state_at
         assert monitor.judge(S * 5 // 2, {})["a"].state == "silent"
@@ -117,12 +117,9 @@ def test_a_process_that_works_is_slow_and_one_that_does_nothing_hangs(monkeypatc
     monkeypatch.setattr(processes, "_HUNG_S", 0.5)
     try:
         member = processes._Member(plan=None, worker=worker, ready=True)
-        time.sleep(0.3)
-        verdicts = []
-        for _ in range(8):
-            verdicts.append(processes._silence(member))
-            time.sleep(0.2)
-        assert {verdict.state for verdict in verdicts} == {"overload"}
+        for wait_s in (0.3, *[0.2] * 7):
+            time.sleep(wait_s)
+            assert processes._silence(member).state == "overload"
         assert not processes._hangs(member)
         monkeypatch.setattr(processes, "_HUNG_BUSY_S", 0.01)
         assert processes._hangs(member), "nothing came of much work"
@@ -172,11 +169,11 @@ def test_a_session_without_a_person_names_the_reason(came: int, used: int, seen:
 
 
 @pytest.mark.parametrize(
-    ("poses", "stopped_by", "failed", "code"),
-    [(0, "", False, 3), (5, "", False, 0), (0, "", True, 1), (0, "SIGTERM", False, 143)],
+    ("people", "stopped_by", "failed", "code"),
+    [(False, "", False, 3), (True, "", False, 0), (False, "", True, 1), (False, "SIGTERM", False, 143)],
 )
-def test_a_session_without_a_person_has_an_exit_code_of_its_own(poses: int, stopped_by: str, failed: bool, code: int) -> None:
-    run = SimpleNamespace(stopped_by=stopped_by, failed=failed, people=bool(poses))
+def test_a_session_without_a_person_has_an_exit_code_of_its_own(people: bool, stopped_by: str, failed: bool, code: int) -> None:
+    run = SimpleNamespace(stopped_by=stopped_by, failed=failed, people=people)
     assert exit_code(run, 10.0, SimpleNamespace(note=print)) == code
 
 

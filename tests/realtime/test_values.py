@@ -132,9 +132,7 @@ def test_counts_continue_when_a_process_was_restarted() -> None:
     monitor = Monitor(("a",))
     for captured in (10, 40, 5, 9):
         monitor.take_state(camera_state("a", captured, captured, replaced=1), captured * S)
-    source = monitor.source("a")
-    assert source is not None
-    assert (source.captured, source.replaced) == (49, 2)
+    assert (monitor.source("a").captured, monitor.source("a").replaced) == (49, 2)
 
 
 # --- where the time went
@@ -143,8 +141,8 @@ def test_counts_continue_when_a_process_was_restarted() -> None:
 def test_quantiles_agree_with_numpy_to_a_bin() -> None:
     values = np.random.default_rng(5).gamma(3.0, 9.0, 5000)
     histogram = Histogram()
-    for value in values:
-        histogram.add(float(value))
+    for value in values.tolist():
+        histogram.add(value)
     for share in (0.5, 0.95, 0.99):
         assert histogram.quantile_ms(share) == pytest.approx(np.quantile(values, share), abs=0.25)
     assert histogram.figures()["mean"] == pytest.approx(values.mean())
@@ -229,24 +227,21 @@ def test_a_channel_keeps_messages_whole_and_is_bounded(channels: tuple[Channel, 
         sent -= 1
     assert sent == 0
     one.close()
-    with pytest.raises(ChannelClosed):
-        two.receive()
-    with pytest.raises(ChannelClosed):
-        two.send(1)
+    for use in (two.receive, lambda: two.send(1)):
+        with pytest.raises(ChannelClosed):
+            use()
 
 
 def test_half_a_message_is_never_given_out(channels: tuple[Channel, Channel]) -> None:
     """A writer that is killed midway: what came whole is received, then the end."""
     one, two = channels
-    sent = 0
+    sent, whole = 0, []
     while one.send(bytes([sent % 251]) * 30_011):
         sent += 1
     one.close()
-    whole = []
     with pytest.raises(ChannelClosed):
         while two.wait(5.0):
-            whole.append(two.receive())
-    whole = [message for message in whole if message is not None]
+            whole += [message] if (message := two.receive()) is not None else []
     assert sent - 1 <= len(whole) <= sent
     assert all(message == bytes([n % 251]) * 30_011 for n, message in enumerate(whole))
 
@@ -281,16 +276,14 @@ def test_sources_are_named_per_camera(ring_rig, demo_session) -> None:
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
-        (["cam9=video:x.mp4"], ("cam9", "cam00, cam01")),
-        (["cam00=webcam:0"], ("webcam", "usb")),
-        (["video:x.mp4"], ("CAMERA=KIND:WHERE",)),
-        (["cam00=video:x.mp4", "cam00=video:y.mp4"], ("has a source already",)),
+        (["cam9=video:x.mp4"], "cam9.*cam00, cam01"),
+        (["cam00=webcam:0"], "webcam.*usb"),
+        (["video:x.mp4"], "CAMERA=KIND:WHERE"),
+        (["cam00=video:x.mp4", "cam00=video:y.mp4"], "has a source already"),
     ],
 )
-def test_an_impossible_source_is_refused_with_a_list_of_sources(ring_rig, arguments: list[str], words: tuple[str, ...]) -> None:
-    with pytest.raises(SourceError) as raised:
-        inputs_from_arguments(arguments, ring_rig(2))
-    assert all(word in str(raised.value) for word in words)
+def test_an_impossible_source_is_refused_with_a_list_of_sources(ring_rig, arguments: list[str], words: str) -> None:
+    refusal(SourceError, words, inputs_from_arguments, arguments, ring_rig(2))
 
 
 def test_a_source_of_another_size_than_calibrated_is_refused(ring_rig, demo_session) -> None:
@@ -300,8 +293,8 @@ def test_a_source_of_another_size_than_calibrated_is_refused(ring_rig, demo_sess
 
 
 def test_only_the_newest_frame_waits(ring_rig) -> None:
-    rig, news = ring_rig(2), threading.Condition()
-    captures = [Capture(LiveInput(camera.name, "test", None, False), camera, news) for camera in rig]
+    news = threading.Condition()
+    captures = [Capture(LiveInput(camera.name, "test", None, False), camera, news) for camera in ring_rig(2)]
     assert take_all(captures) == []
     frames = [built.frame("cam00", i * PERIOD_NS, seq=i) for i in range(3)]
     for frame in frames:
@@ -334,13 +327,11 @@ def test_a_video_begins_again_at_every_turn(ring_rig, demo_session) -> None:
         time.sleep(0.01)
         taken += [caught] if (caught := capture.take()) else []
     capture.close()
-    turns = {caught.shift_ns for caught in taken}
-    assert len(turns) == 3
+    turns, times = {caught.shift_ns for caught in taken}, [caught.t_ns for caught in taken]
+    assert len(turns) == 3 and times == sorted(times)
     # half a second between two showings, which keeps the rig watch from comparing across it
     assert all(later_ns % (8 * S // 10) == 0 for later_ns in turns)
     assert all(caught.frame.t_ns < 3 * S // 10 for caught in taken)
-    times = [caught.t_ns for caught in taken]
-    assert times == sorted(times)
 
 
 @pytest.mark.parametrize(
@@ -391,13 +382,10 @@ def test_options_that_cannot_be_are_one_line_before_anything_starts(
 def test_stamps_are_placed_at_the_least_delay_and_follow_drift() -> None:
     rng = np.random.default_rng(2)
     delay_ns, drift = 30_000_000, 100e-6
-    clock = StampClock(delay_ns)
-    errors = []
+    clock, errors = StampClock(delay_ns), []
     for i in range(60 * 30):
-        true_ns = 1000 * S + i * PERIOD_NS
-        stamp_ns = round(i * PERIOD_NS * (1 + drift)) + 5 * S
-        arrived_ns = true_ns + delay_ns + int(rng.exponential(15e6))
-        errors.append(clock.placed(stamp_ns, arrived_ns) - true_ns)
+        true_ns, stamp_ns = 1000 * S + i * PERIOD_NS, round(i * PERIOD_NS * (1 + drift)) + 5 * S
+        errors.append(clock.placed(stamp_ns, true_ns + delay_ns + int(rng.exponential(15e6))) - true_ns)
     assert np.abs(errors[300:]).max() < 3_000_000
 
 
@@ -409,8 +397,7 @@ def test_times_of_streams_only_go_forward() -> None:
 
 @pytest.mark.parametrize("jump_s", [-5, 5])
 def test_a_camera_that_sets_its_clock_is_right_again_at_once(jump_s: int) -> None:
-    clock = StampClock(0)
-    errors = []
+    clock, errors = StampClock(0), []
     for i in range(300):
         true_ns = 1000 * S + i * PERIOD_NS
         errors.append(clock.placed(i * PERIOD_NS + 60 * S + (i > 150) * jump_s * S, true_ns + 10_000_000) - true_ns)
