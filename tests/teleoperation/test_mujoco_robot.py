@@ -356,9 +356,8 @@ ARMS_AT = {
 @pytest.mark.parametrize("way", ARMS_AT)
 def test_two_arms_driven_at_something_keep_their_distance(way):
     right, left, thing = ARMS_AT[way]
-    text = mobile_manipulator(("right", "left"))
-    if thing == "floor":  # joints end before a hand reaches the one on which this robot stands
-        text = text.replace('name="floor"', 'name="floor" pos="0 0 0.1"')
+    # joints end before a hand reaches the floor on which this robot stands
+    text = mobile_manipulator(("right", "left")).replace('name="floor"', f'name="floor" pos="0 0 {0.1 * (thing == "floor")}"')
     model = mujoco_model(None, ("right", "left"), text)
     made, q, _ = driven(("right", "left"), [np.array([right, left])] * 400, replace(LIMITS, box_low_m=(-9, -9, -9)), model)
     found, names = least_m(made, q, made.joints.chain.home)

@@ -10,7 +10,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from checks import refusal
+from checks import assert_same, refusal
 from commanded import commanded
 from own_domain import own_domain
 
@@ -138,9 +138,8 @@ def test_a_robot_whose_pose_comes_as_static_transforms_only_is_not_known_to_live
 
 
 def test_the_path_between_two_frames_is_their_own_transforms():
-    frames = Frames()
-    for parent, child in (("map", "base"), ("base", "a"), ("a", "b"), ("base", "c"), ("b", "tool")):
-        frames.add(parent, child, SE3.identity())
+    links = (("map", "base"), ("base", "a"), ("a", "b"), ("base", "c"), ("b", "tool"))
+    frames = frames_of(*((*link, SE3.identity()) for link in links))
     assert frames.path("base", "tool") == {"a", "b", "tool"}
     assert frames.path("/c", "/b") == {"c", "a", "b"} and frames.path("a", "a") == set()
 
@@ -169,7 +168,7 @@ def driven(clock, seconds, velocity, moved, turn_rate=0.0):
 
 def test_a_twist_that_is_not_followed_is_a_fault(clock):
     faults = driven(clock, 1.0, 0.5, lambda t: (0.0, 0.0))
-    assert not faults[28] and "0.3" not in faults[28] and all(faults[32:])
+    assert not faults[28] and all(faults[32:])
     assert any(driven(clock, 1.0, 0.0, lambda t: (0.0, 0.0), turn_rate=1.0))
 
 
@@ -195,20 +194,27 @@ def test_the_position_of_a_robot_that_stands_counts_as_commanded_after_twists(cl
     assert robot.state().xyz_world == pytest.approx(np.array([[2.0, 0.5, 0.5]]))
 
 
+def sent_at_the_end(node, robot):
+    """Velocities (linear, angular) that a robot gets when it is left, twice."""
+    count = len(node.sent)
+    robot.close()
+    robot.close()
+    assert node.closed >= 1
+    return [(part.x, part.y, part.z) for msg in node.sent[count:] for part in (msg.twist.linear, msg.twist.angular)]
+
+
 @pytest.mark.parametrize("command", ["pose", "twist"])
 def test_a_robot_that_is_left_gets_zero_velocity(clock, command):
     node, robot = cartesian(command, clock)
     robot.move(wanted(robot, (0.1, 0.2, 0.3)), DT_S)
-    moving = len(node.sent)
-    robot.close()
-    robot.close()
-    assert node.closed >= 1
-    parts = [part for msg in node.sent[moving:] for part in (msg.twist.linear, msg.twist.angular)]
-    assert [(part.x, part.y, part.z) for part in parts] == ([(0.0, 0.0, 0.0)] * 2 if command == "twist" else [])
+    assert sent_at_the_end(node, robot) == ([(0.0, 0.0, 0.0)] * 2 if command == "twist" else [])
     # one that was never commanded is left alone
-    node, robot = cartesian(command, clock)
-    robot.close()
-    assert node.sent == []
+    assert sent_at_the_end(*cartesian(command, clock)) == []
+
+
+def test_a_mobile_base_is_left_with_zero_velocity(jointed):
+    moving(jointed[1])
+    assert sent_at_the_end(*jointed) == [(0.0, 0.0, 0.0)] * 2
 
 
 @pytest.fixture
@@ -313,15 +319,6 @@ def test_a_trajectory_does_not_brake_beyond_the_joints_limits(jointed):
     assert (ends <= chain.high[chain.arm]).all() and (ends >= chain.low[chain.arm]).all()
 
 
-def test_a_mobile_base_is_left_with_zero_velocity(jointed):
-    node, robot = jointed
-    moving(robot)
-    count = len(node.sent)
-    robot.close()
-    (stop,) = node.sent[count:]
-    assert [stop.twist.linear.x, stop.twist.linear.y, stop.twist.angular.z] == [0.0, 0.0, 0.0]
-
-
 def test_a_driver_that_fails_leaves_a_robot_without_velocity(clock, monkeypatch):
     node, robot = cartesian("twist", clock)
     robot.move(wanted(robot, (0.1, 0.2, 0.3)), DT_S)
@@ -356,32 +353,35 @@ def some(seed):
     return SE3.from_rotvec(rng.normal(size=3), rng.normal(size=3))
 
 
+def frames_of(*transforms):
+    """(parent, child, place) each."""
+    frames = Frames()
+    for parent, child, place in transforms:
+        frames.add(parent, child, place)
+    return frames
+
+
 def test_a_chain_is_walked_in_both_directions():
-    frames, a, b, c = Frames(), some(1), some(2), some(3)
-    frames.add("map", "world", a)
-    frames.add("map", "odom", b)
-    frames.add("odom", "base", c)
+    a, b, c = some(1), some(2), some(3)
+    frames = frames_of(("map", "world", a), ("map", "odom", b), ("odom", "base", c))
     expected = (b @ c).inverse() @ a
-    np.testing.assert_allclose(frames.find("base", "world").matrix4(), expected.matrix4(), atol=1e-12)
-    np.testing.assert_allclose(frames.find("world", "base").matrix4(), expected.inverse().matrix4(), atol=1e-12)
-    np.testing.assert_allclose(frames.find("base", "base").matrix4(), np.eye(4))
+    assert_same(frames.find("base", "world"), expected, 1e-12)
+    assert_same(frames.find("world", "base"), expected.inverse(), 1e-12)
+    assert_same(frames.find("base", "base"), SE3.identity(), 1e-12)
     assert frames.find("base", "elsewhere") is None
     frames.add("odom", "base", a)
-    np.testing.assert_allclose(frames.find("odom", "base").matrix4(), a.matrix4(), atol=1e-12)
+    assert_same(frames.find("odom", "base"), a, 1e-12)
 
 
 def test_a_circle_of_frames_ends():
-    frames = Frames()
-    frames.add("a", "b", some(1))
-    frames.add("b", "a", some(2))
-    assert frames.find("world", "a") is None
+    assert frames_of(("a", "b", some(1)), ("b", "a", some(2))).find("world", "a") is None
 
 
 def test_a_message_is_taken_with_and_without_a_leading_slash():
     frames, place = Frames(), some(3)
     frames.take(transform(0, "/world", "/base", place))
-    np.testing.assert_allclose(frames.find("world", "base").matrix4(), place.matrix4(), atol=1e-12)
-    np.testing.assert_allclose(frames.find("/base", "world").matrix4(), place.inverse().matrix4(), atol=1e-12)
+    assert_same(frames.find("world", "base"), place, 1e-12)
+    assert_same(frames.find("/base", "world"), place.inverse(), 1e-12)
 
 
 @pytest.mark.parametrize("wrong", [{"x": float("nan")}, {"w": 0.4}, {}])
