@@ -7,9 +7,10 @@ import sys
 import threading
 import time
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
 from dataclasses import replace
 from types import SimpleNamespace
+from unittest.mock import Mock
 
 import built
 import cv2
@@ -41,15 +42,25 @@ SKELETON = PAPER14
 NAMES = ("cam00", "cam01", "cam02")
 
 
-class SlowDetector:
-    """Every camera has its next frame before one search has ended."""
+class SeesNoPerson:
+    """In place of a detector: looks at every image."""
 
     def __init__(self, choice: DetectorChoice, rig: Rig) -> None:
-        self.skeleton, self.group, self.seq = SKELETON, None, 0
+        self.skeleton, self.searched = SKELETON, 0
+
+    def detect(self, frames: list[Frame], regions: list) -> list[Detections2D]:
+        self.searched += sum(one is None for one in regions)
+        return [Detections2D.empty(frame.camera, frame.t_ns, SKELETON) for frame in frames if frame.image.size]
+
+
+class SlowDetector(SeesNoPerson):
+    """Every camera has its next frame before one search has ended."""
+
+    group, seq = None, 0
 
     def detect(self, frames: list[Frame], regions: list) -> list[Detections2D]:
         self.show_next()
-        return [Detections2D.empty(frame.camera, frame.t_ns, SKELETON) for frame in frames]
+        return super().detect(frames, regions)
 
     def show_next(self) -> None:
         """Of every camera, a frame that differs from the one before."""
@@ -185,24 +196,14 @@ def test_a_video_that_cannot_be_made_when_it_is_switched_on_is_reported(group, t
     group.finish()
 
 
-class Raises(Clip):
-    """A source of a plug-in that fails in a way of its own."""
-
-    def frames(self) -> Iterator[Frame]:
-        raise KeyError("exposure")
-
-
 def test_a_source_that_raises_anything_is_named_and_opened_again(monkeypatch: pytest.MonkeyPatch) -> None:
+    """As a plug-in that fails in a way of its own."""
     monkeypatch.setattr(capture_module, "_RETRY_S", 0.01)
-    opened = []
-    monkeypatch.setattr(Raises, "build", lambda self: opened.append(1) or self)
-    capture = Capture(LiveInput("cam00", "test", Raises(), reopen=True), None, threading.Condition())
-    capture.begin(time.monotonic_ns())
-    try:
-        until(lambda: len(opened) > 2)
+    plays = Mock(side_effect=KeyError("exposure"))
+    with closing(Capture(LiveInput("cam00", "test", Clip(plays=plays), reopen=True), None, threading.Condition())) as capture:
+        capture.begin(time.monotonic_ns())
+        until(lambda: plays.call_count > 2)
         assert (capture.state().state, capture.state().text) == ("lost", "KeyError: 'exposure'")
-    finally:
-        capture.close()
 
 
 # --- frames that come while no person is followed: not converted, and few of them sent
@@ -228,17 +229,6 @@ class CountedPixels(Pixels):
 
     def fingerprint(self, step: int) -> bytes:
         return b"same"
-
-
-class SeesNoPerson:
-    """In place of a detector: looks at every image."""
-
-    def __init__(self, choice: DetectorChoice, rig: Rig) -> None:
-        self.skeleton, self.searched = SKELETON, 0
-
-    def detect(self, frames: list[Frame], regions: list) -> list[Detections2D]:
-        self.searched += sum(one is None for one in regions)
-        return [Detections2D.empty(frame.camera, frame.t_ns, SKELETON) for frame in frames if frame.image.size]
 
 
 @pytest.fixture

@@ -4,15 +4,14 @@ import itertools
 import json
 import os
 import signal
-import subprocess
 import sys
 import threading
 import time
-from collections.abc import Callable
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Iterator
+from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
+import built
 import cv2
 import numpy as np
 import pytest
@@ -21,6 +20,7 @@ from checks import refusal
 from commands import error, figures, oracle
 from live_session import until
 from memory_source import Clip
+from running import Running
 
 import posefuse as pf
 from posefuse.api import record as recording
@@ -48,57 +48,54 @@ GOOD = np.linspace(20, 230, 48 * 64, dtype=np.uint8).reshape(48, 64, 1).repeat(3
 STAMPS_NS = (0, 33_000_000, 67_000_000, 180_000_000, 210_000_000)
 
 
-def clip(name: str) -> Clip:
-    """At uneven times."""
-    return Clip(name, GOOD, STAMPS_NS)
+def inputs_of(*clips: Clip) -> list[LiveInput]:
+    return [LiveInput(clip.camera, "clip", clip, reopen=False) for clip in clips]
+
+
+def times_of(folder: Path, name: str) -> np.ndarray:
+    """Of the frames of a video."""
+    return VideoConfig(folder / f"{name}.mp4", name).build().times_ns()
 
 
 def test_every_frame_is_kept_at_its_own_time(tmp_path: Path) -> None:
-    inputs = [LiveInput(name, "clip", clip(name), reopen=False) for name in ("a", "b")]
-    with CameraFeed(inputs) as feed:
+    with CameraFeed(inputs_of(*(Clip(name, GOOD, STAMPS_NS) for name in ("a", "b")))) as feed:
         for _ in feed.watched(tmp_path, duration_s=20.0, judged=True):
             pass
     for name, counts in read_counts(tmp_path, ["a", "b"]).items():
         assert (counts.written, counts.dropped, counts.finished) == (5, 0, True)
         assert counts.longest_gap_s == pytest.approx(0.113)
         assert counts.rate_hz == pytest.approx(4 / 0.21)
-        np.testing.assert_array_equal(VideoConfig(tmp_path / f"{name}.mp4", name).build().times_ns(), STAMPS_NS)
+        np.testing.assert_array_equal(times_of(tmp_path, name), STAMPS_NS)
 
 
-@dataclass(frozen=True)
-class Late(Clip):
-    """Delivers its first frame late, then 99 more at 50 Hz."""
-
-    wait_s: float = 0.0
-
-    def frames(self) -> Any:
-        time.sleep(self.wait_s)
-        for i in range(100):
-            t_ns = time.monotonic_ns() - (self.zero_ns or 0)
-            yield Frame(camera=self.camera, seq=i, t_ns=t_ns, received_ns=t_ns, image=self.image)
-            time.sleep(0.02)
+def late(clip: Clip) -> Iterator[Frame]:
+    """At 50 Hz, those of camera b from a second later on."""
+    time.sleep(1.0 if clip.camera == "b" else 0.0)
+    for i in range(100):
+        yield built.frame(clip.camera, time.monotonic_ns() - (clip.zero_ns or 0), GOOD, seq=i)
+        time.sleep(0.02)
 
 
 @pytest.mark.realtime
 def test_the_duration_counts_from_the_first_frame_of_the_last_camera(tmp_path: Path) -> None:
-    inputs = [LiveInput(name, "clip", Late(name, GOOD, wait_s=wait_s), reopen=False) for name, wait_s in (("a", 0.0), ("b", 1.0))]
-    with CameraFeed(inputs) as feed:
+    with CameraFeed(inputs_of(Clip("a", plays=late), Clip("b", plays=late))) as feed:
         for _ in feed.watched(tmp_path, duration_s=0.5, judged=True):
             pass
     last = read_counts(tmp_path, ["a", "b"])["b"]
     assert last.last_s - last.first_s > 0.3
 
 
-@dataclass(frozen=True)
-class Silent(Clip):
-    """Ends, or waits, without a frame."""
+def waiting(clip: Clip) -> Iterator[Frame]:
+    """Never a frame."""
+    while True:
+        time.sleep(0.01)
+    yield
 
-    endless: bool = False
 
-    def frames(self) -> Any:
-        while self.endless:
-            time.sleep(0.01)
-        yield from ()
+def incomplete(clip: Clip) -> Iterator[Frame]:
+    """Counts seven more frames than it delivers."""
+    for frame in clip.stamped():
+        yield replace(frame, seq=frame.seq + 7 * (frame.seq > 2))
 
 
 @pytest.fixture
@@ -106,40 +103,30 @@ def recorded(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.Cap
     """Runs `posefuse record --out s` with sources, and gives its exit code and what it printed."""
 
     def run(*sources: Clip) -> tuple[int, str, str]:
-        inputs = [LiveInput(source.camera, "clip", source, reopen=False) for source in sources]
-        monkeypatch.setattr(recording, "inputs_from_arguments", lambda *ignored: inputs)
+        monkeypatch.setattr(recording, "inputs_from_arguments", lambda *ignored: inputs_of(*sources))
         return main(["record", "--out", str(tmp_path / "s"), "--json"]), *capsys.readouterr()
 
     return run
 
 
 def test_a_recording_without_frames_is_an_error_that_leaves_nothing(recorded, tmp_path: Path) -> None:
-    code, out, err = recorded(Silent("a", GOOD))
+    code, out, err = recorded(Clip("a", GOOD))
     assert code == 1 and "no frame came from a: nothing was recorded" in err and "next:" not in err + out
     assert not list(tmp_path.iterdir())
 
 
 def test_a_recording_stopped_before_its_first_frame_leaves_nothing_and_claims_nothing(recorded, tmp_path: Path) -> None:
     threading.Timer(0.5, signal.raise_signal, [signal.SIGINT]).start()
-    assert recorded(Silent("a", GOOD, endless=True))[:2] == (130, "")
+    assert recorded(Clip("a", GOOD, plays=waiting))[:2] == (130, "")
     assert not list(tmp_path.iterdir())
 
 
 def test_a_camera_without_frames_and_lost_frames_end_in_an_error_that_names_them(recorded, tmp_path: Path) -> None:
-    code, out, err = recorded(clip("a"), Silent("b", GOOD), Gap("c", GOOD, STAMPS_NS))
+    code, out, err = recorded(Clip("a", GOOD, STAMPS_NS), Clip("b", GOOD), Clip("c", GOOD, STAMPS_NS, plays=incomplete))
     assert code == 1 and "b: no frame came" in err
     assert "c: 7 frames are missing: the source did not deliver them" in err
     assert json.loads(out)["videos"]["a"]["written"] == len(STAMPS_NS)
     assert json.loads((tmp_path / "s" / "videos" / "c.json").read_text())["lost"]
-
-
-@dataclass(frozen=True)
-class Gap(Clip):
-    """Counts seven more frames than it delivers."""
-
-    def frames(self) -> Any:
-        for frame in super().frames():
-            yield replace(frame, seq=frame.seq + 7 * (frame.seq > 2))
 
 
 @pytest.mark.realtime
@@ -147,19 +134,15 @@ def test_a_recording_that_is_killed_is_named_and_completed_by_one_command(tmp_pa
     session = tmp_path / "session"
     source = ["--source", f"cam00=video:{demo_session / 'videos' / 'cam00.mp4'}"]
     command = [sys.executable, "-m", "posefuse", "record", *source, "--out", str(session)]
-    with subprocess.Popen(command, stderr=subprocess.DEVNULL) as process:
-        try:
-            until(lambda: any(path.stat().st_size > 30_000 for path in tmp_path.glob(".session.*.unfinished/videos/cam00.mp4")))
-        finally:
-            process.kill()
+    with Running(command):
+        until(lambda: any(path.stat().st_size > 30_000 for path in tmp_path.glob(".session.*.unfinished/videos/cam00.mp4")))
     resume = ("record", "--resume", "--out", session)
     assert f"`posefuse record --resume --out {session}` completes it" in error(capsys, *command[3:])
     assert "is it still being recorded?" in error(capsys, *resume)
     for path in tmp_path.glob(".session.*/videos/*"):
         os.utime(path, (0, 0))
     written = figures(capsys, *resume)["videos"]["cam00"]["written"]
-    times_ns = VideoConfig(session / "videos" / "cam00.mp4", "cam00").build().times_ns()
-    assert len(times_ns) == written > 10
+    assert len(times_of(session / "videos", "cam00")) == written > 10
     assert [path.name for path in tmp_path.iterdir()] == ["session"]
     assert "nothing to resume" in error(capsys, *resume)
 
@@ -198,7 +181,7 @@ def test_what_guide_has_seen_is_a_session(tmp_path: Path) -> None:
     written = {name: one["written"] for name, one in stated["videos"].items()}
     assert set(written) == {"a", "b"} and all(3 <= count <= 12 for count in written.values())
     assert read_counts(session / "videos", ["b"])["b"].written == written["b"]
-    times_ns = VideoConfig(session / "videos" / "b.mp4", "b").build().times_ns()
+    times_ns = times_of(session / "videos", "b")
     assert len(times_ns) == written["b"]
     np.testing.assert_allclose(times_ns, np.rint(times_ns / 50_000_000) * 50_000_000, atol=1_000)
 
@@ -222,33 +205,24 @@ def finished(keeper: VideoKeeper, folder: Path) -> KeptCounts:
 def test_all_frames_after_the_session_began_are_kept(tmp_path: Path) -> None:
     counts = finished(offered(VideoKeeper(tmp_path, "cam"), range(-3, 20)), tmp_path)
     assert (counts.written, counts.dropped, counts.fault, counts.finished) == (20, 0, "", True)
-    np.testing.assert_allclose(VideoConfig(tmp_path / "cam.mp4", "cam").build().times_ns(), np.arange(20) * 10_000_000, atol=1000)
-
-
-@dataclass(frozen=True)
-class Hurried(Clip):
-    """Delivers two frames as packets of the next one, as a camera does whose images come faster than they are decoded."""
-
-    made: tuple[Frame, ...] = ()
-
-    def frames(self) -> Any:
-        late = with_earlier(self.made[5], [(one.t_ns, one.encoded) for one in self.made[3:5]])
-        yield from (*self.made[:3], replace(self.made[5], encoded=late), *self.made[6:])
+    np.testing.assert_allclose(times_of(tmp_path, "cam"), np.arange(20) * 10_000_000, atol=1000)
 
 
 def test_frames_that_come_as_packets_of_the_next_one_are_not_lost(demo_session: Path, tmp_path: Path) -> None:
+    """As of a camera whose images come faster than they are decoded."""
     video = VideoConfig(demo_session / "videos" / "cam00.mp4", "cam00", keep_encoded=True, threads=False).build()
-    source = Hurried("cam00", GOOD, size_wh=(640, 480), made=tuple(itertools.islice(video.frames(), 30)))
-    with CameraFeed([LiveInput("cam00", "clip", source, reopen=False)]) as feed:
+    made = list(itertools.islice(video.frames(), 30))
+    both = with_earlier(made[5], [(one.t_ns, one.encoded) for one in made[3:5]])
+    came = [*made[:3], replace(made[5], encoded=both), *made[6:]]
+    with CameraFeed(inputs_of(Clip("cam00", size_wh=(640, 480), plays=lambda _: iter(came)))) as feed:
         feed.begin(tmp_path)
         until(lambda: feed.over)
-        [state], came = feed.states(), feed.came()
+        [state], counted = feed.states(), feed.came()
     [counts] = read_counts(tmp_path, ["cam00"]).values()
     assert (counts.written, counts.dropped, counts.lost, state.missing) == (30, 0, {}, 0)
-    kept_ns = VideoConfig(tmp_path / "cam00.mp4", "cam00").build().times_ns()
-    np.testing.assert_allclose(kept_ns, video.times_ns()[:30], atol=1_000)
+    np.testing.assert_allclose(times_of(tmp_path, "cam00"), video.times_ns()[:30], atol=1_000)
     # of which two were not decoded; the rate that is shown is that of all
-    assert (state.captured, came) == (28, [30])
+    assert (state.captured, counted) == (28, [30])
 
 
 def test_a_slow_disk_is_not_waited_for(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -337,7 +311,7 @@ def test_a_session_kept_with_its_videos_can_be_tracked(tmp_path: Path, demo_sess
     assert session.rig.names == ("cam00", "cam01", "cam02", "cam03")
     assert (kept / MARK_FILE).is_file()
     for name, counts in found["videos"].items():
-        times, original = (VideoConfig(one / "videos" / f"{name}.mp4", name).build().times_ns() for one in (kept, demo_session))
+        times, original = (times_of(one / "videos", name) for one in (kept, demo_session))
         assert counts["how"] == "copied"
         assert len(times) >= counts["written"] > 0
         assert np.abs(original[None] - times[:, None]).min(axis=1).max() <= 1_000
