@@ -105,20 +105,24 @@ def test_memory_stays_bounded() -> None:
     assert len(time_steps._views["a"]) <= 256
 
 
+def limbs_at(truth: Truth, t_s: float) -> np.ndarray:
+    """(L, 3) between the frames of the clip."""
+    at = t_s * 1e9 * (len(truth.t_ns) - 1) / (truth.t_ns[-1] - truth.t_ns[0])
+    i = min(int(at), len(truth.t_ns) - 2)
+    before, after = truth.xyz_world[i : i + 2, 0, limb_keypoints(truth.skeleton.keypoints)]
+    return before + (at - i) * (after - before)
+
+
 def fed(watcher: RigWatcher, truth: Truth, rig: Rig, begin_s: float, seconds: float) -> dict[str, str]:
     """Kinds found by camera, after the clip was shown as cameras at `rig` see it, each at times of its own."""
-    limbs = limb_keypoints(truth.skeleton.keypoints)
-    stays = np.random.default_rng(5).normal(0, 4.0, (len(rig), len(truth.skeleton), 2))
-    times_s = (truth.t_ns - truth.t_ns[0]) / 1e9
+    last_s, limbs = (truth.t_ns[-1] - truth.t_ns[0]) / 1e9, limb_keypoints(truth.skeleton.keypoints)
+    stays = np.random.default_rng(5).normal(0, 4.0, (len(rig), len(truth.skeleton), 2))[:, limbs]
     for step in range(round(seconds * RATE_HZ)):
         for c, camera in enumerate(rig):
             t_s = begin_s + step / RATE_HZ + PHASE_S[c]
             # to and fro, so that no person jumps
-            there_s = abs((t_s + times_s[-1]) % (2 * times_s[-1]) - times_s[-1])
-            i = min(int(there_s * RATE_HZ), len(times_s) - 2)
-            share = (there_s - times_s[i]) * RATE_HZ
-            xyz = truth.xyz_world[i, 0] + share * (truth.xyz_world[i + 1, 0] - truth.xyz_world[i, 0])
-            watcher.add(camera.name, round((1000 + t_s) * S), (camera.project(xyz) + stays[c])[limbs], np.ones(len(limbs)))
+            seen = camera.project(limbs_at(truth, abs((t_s + last_s) % (2 * last_s) - last_s))) + stays[c]
+            watcher.add(camera.name, round((1000 + t_s) * S), seen, np.ones(len(seen)))
         known = watcher.look()
     return {name: verdict.state for name, verdict in known.faulty.items()}
 
@@ -134,16 +138,13 @@ def test_a_moved_camera_is_found_among_cameras_that_do_not_wait_for_each_other(t
 
 def found_in_a_loop(truth: Truth, pause_s: float) -> set[str]:
     """What is said of healthy cameras while a clip of a walking person begins again every two seconds, after a pause."""
-    limbs = limb_keypoints(truth.skeleton.keypoints)
-    times_s, xyz = (truth.t_ns - truth.t_ns[0]) / 1e9, truth.xyz_world[:, 0, limbs]
     rng, watcher, said = np.random.default_rng(2), RigWatcher(truth.rig, clocks=False), set()
     for step in range(round(9 * RATE_HZ)):
         for c, camera in enumerate(truth.rig):
             t_s = step / RATE_HZ + PHASE_S[c]
-            there = np.array([[np.interp(t_s % 2, times_s, xyz[:, p, i]) for i in range(3)] for p in range(len(limbs))])
-            seen = camera.project(there) + rng.normal(0, 1.0, (len(limbs), 2))
+            xy = camera.project(limbs_at(truth, t_s % 2))
             shown_s = t_s + int(t_s / 2) * pause_s
-            watcher.add(camera.name, round((1000 + shown_s) * S), seen, np.ones(len(limbs)))
+            watcher.add(camera.name, round((1000 + shown_s) * S), xy + rng.normal(0, 1.0, xy.shape), np.ones(len(xy)))
         if step % 8 == 0:
             said |= {verdict.state for verdict in watcher.look().faulty.values()}
     return said

@@ -20,18 +20,9 @@ import posefuse as pf
 from posefuse.core import ConfigError, Rig
 from posefuse.formats.video import VideoWriter
 from posefuse.foundation.settings import settings_from_mapping
+from posefuse_sim import rig_plan
 from posefuse_sim.build import live_scene
 from posefuse_sim.cameras import PlacedCamera, placed_cameras
-from posefuse_sim.rig_plan import (
-    camera_of,
-    first_plan,
-    free_camera_name,
-    plan_rig,
-    rig_of_scene,
-    with_camera,
-    with_test_walk,
-    without_camera,
-)
 from posefuse_sim.scene import Scene, check_scene, plain_settings, read_scene, scene_text
 from posefuse_studio.app import add_routes
 from posefuse_studio.jobs import JOBS_FOLDER
@@ -86,8 +77,8 @@ def test_the_room_map_is_inverse_and_stays_inside() -> None:
 
 
 def test_the_map_is_brighter_where_the_rig_is_more_exact() -> None:
-    scene, room = first_plan(), RoomMap((7.0, 7.0))
-    plan = plan_rig(rig_of_scene(scene), room.size_m, step_m=0.5)
+    scene, room = rig_plan.first_plan(), RoomMap((7.0, 7.0))
+    plan = rig_plan.plan_rig(rig_plan.rig_of_scene(scene), room.size_m, step_m=0.5)
     floor = error_map(plan)
     # a pixel a place of the plan, which begins at the near side
     brightness = cv2.cvtColor(floor, cv2.COLOR_BGR2GRAY)[::-1]
@@ -103,7 +94,7 @@ def test_the_map_is_brighter_where_the_rig_is_more_exact() -> None:
 
 
 def test_a_camera_is_found_where_it_is_drawn() -> None:
-    room, cameras = RoomMap((7.0, 7.0)), placed_cameras(first_plan().cameras)
+    room, cameras = RoomMap((7.0, 7.0)), placed_cameras(rig_plan.first_plan().cameras)
     for camera in cameras:
         assert nearest_camera(cameras, *room.px(*camera.position_m[:2]), room) == camera.name
     assert nearest_camera(cameras, *room.px(0, 0), room) == ""
@@ -111,21 +102,21 @@ def test_a_camera_is_found_where_it_is_drawn() -> None:
 
 
 def test_a_plan_is_changed_camera_by_camera() -> None:
-    scene = first_plan(4)
-    name = free_camera_name(scene)
-    more = with_camera(scene, PlacedCamera(name=name, position_m=(0.0, -3.0, 2.0)))
-    moved = with_camera(more, PlacedCamera(name=name, position_m=(1.0, -3.0, 2.0)))
-    assert camera_of(moved, name).position_m == (1.0, -3.0, 2.0)
-    assert without_camera(moved, name) == scene
-    refusal(ConfigError, "own position", lambda: with_camera(scene, PlacedCamera(name=name, position_m=(0.0, 0.0, 1.0))))
+    scene = rig_plan.first_plan(4)
+    name = rig_plan.free_camera_name(scene)
+    more = rig_plan.with_camera(scene, PlacedCamera(name=name, position_m=(0.0, -3.0, 2.0)))
+    moved = rig_plan.with_camera(more, PlacedCamera(name=name, position_m=(1.0, -3.0, 2.0)))
+    assert rig_plan.camera_of(moved, name).position_m == (1.0, -3.0, 2.0)
+    assert rig_plan.without_camera(moved, name) == scene
+    refusal(ConfigError, "own position", lambda: rig_plan.with_camera(scene, PlacedCamera(name=name, position_m=(0.0, 0.0, 1.0))))
     only = scene
     for camera in placed_cameras(scene.cameras)[1:]:
-        only = without_camera(only, camera.name)
-    refusal(ConfigError, "needs a camera", without_camera, only, "cam00")
+        only = rig_plan.without_camera(only, camera.name)
+    refusal(ConfigError, "needs a camera", rig_plan.without_camera, only, "cam00")
 
 
 def test_a_kept_plan_is_a_scene_file_that_can_be_rendered(tmp_path: Path) -> None:
-    scene = with_test_walk(first_plan(), 2.0)
+    scene = rig_plan.with_test_walk(rig_plan.first_plan(), 2.0)
     (tmp_path / "plan.yaml").write_text(scene_text(scene), encoding="utf-8")
     read = read_scene(tmp_path / "plan.yaml")
     assert read == scene == settings_from_mapping(plain_settings(scene), Scene, where="plan")
