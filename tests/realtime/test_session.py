@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 from built import turned
 from live_session import Live, command, fill, until
-from replaying import difference_m, read_provenance, replay, replayed
+from replaying import difference_m, provenance_of, replay, replayed
 
 from posefuse.core import Pose3D
 from posefuse.core.skeleton import PAPER14, pick_keypoints
@@ -130,11 +130,9 @@ def test_a_replay_gives_the_same_poses(killed: Killed, demo_session: Path) -> No
 
 
 def test_a_recording_states_how_it_was_made(killed: Killed, demo_session: Path) -> None:
-    rig = read_rig(demo_session / "rig.toml")
-    made = read_provenance(killed[1])
-    assert (made.cameras, made.rig_id) == (rig.names, rig.id)
-    assert made.config.detector.name == "oracle"
-    assert made.config.detector.options["noise"] == {"sigma_px": 1.0}
+    rig, (cameras, rig_id, config) = read_rig(demo_session / "rig.toml"), provenance_of(killed[1])
+    assert (cameras, rig_id, config.detector.name) == (rig.names, rig.id, "oracle")
+    assert config.detector.options["noise"] == {"sigma_px": 1.0}
 
 
 @pytest.mark.parametrize(("request_", "by_all"), [("SIGTERM", False), ("SIGTERM", True), ("SIGHUP", True)])

@@ -36,13 +36,9 @@ def run(two, count, peers=True, hearing=1, while_sending=lambda: None):
     return [number for number, _ in heard], [age_ns * 1e-9 for _, age_ns in heard]
 
 
-def test_two_machines_find_each_other_by_address(machines):
-    numbers, _ = run(machines, 120)
-    assert numbers[-70:] == list(range(50, 120))
-
-
-def test_two_machines_find_each_other_by_multicast(machines):
-    numbers, _ = run(machines, 120, peers=False)
+@pytest.mark.parametrize("peers", [True, False], ids=["address", "multicast"])
+def test_two_machines_find_each_other_by(machines, peers):
+    numbers, _ = run(machines, 120, peers=peers)
     assert numbers[-70:] == list(range(50, 120))
 
 
@@ -73,8 +69,7 @@ def test_a_link_cut_and_back(machines):
         machines.cut = False
 
     numbers, _ = run(machines, 400, while_sending=cut)
-    assert numbers[0] == 0
-    assert numbers[-1] == 399
+    assert (numbers[0], numbers[-1]) == (0, 399)
     assert numbers == sorted(set(numbers))
     gap = max(b - a for a, b in pairwise(numbers))
     assert 80 < gap < 300
