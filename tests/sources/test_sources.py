@@ -3,6 +3,7 @@
 import itertools
 from fractions import Fraction
 from pathlib import Path
+from unittest.mock import Mock
 
 import cv2
 import numpy as np
@@ -35,8 +36,7 @@ def test_presentation_times_are_kept_with_variable_rate_and_offset(tmp_path: Pat
     source = VideoConfig(write_clip(tmp_path / "a.mp4", times_s), "cam", offset_s=0.5).build()
     assert isinstance(source, Source)
     frames = list(source.frames())
-    assert source.size_wh == SIZE_WH
-    assert [f.seq for f in frames] == [0, 1, 2, 3, 4]
+    assert (source.size_wh, [f.seq for f in frames]) == (SIZE_WH, [0, 1, 2, 3, 4])
     assert np.allclose([f.t_ns * 1e-9 for f in frames], np.array(times_s) + 0.5, atol=2e-5)
     assert np.array_equal(source.times_ns(), [f.t_ns for f in frames])
     assert np.allclose([brightness(f) for f in frames], [0, 10, 20, 30, 40], atol=3)
@@ -80,21 +80,20 @@ def write_images(folder: Path, count: int) -> Path:
 
 def test_images_are_rgb_in_order_with_rate_or_times_file(tmp_path: Path) -> None:
     folder = write_images(tmp_path / "cam", 4)
+    build = ImagesConfig(folder, "cam").build
     source = ImagesConfig(folder, "cam", rate_hz=50.0).build()
     assert isinstance(source, Source)
     frames = list(source.frames())
     assert [f.t_ns for f in frames] == [0, 20_000_000, 40_000_000, 60_000_000]
     assert tuple(frames[3].image[0, 0]) == (30, 0, 0)
     (folder / "timestamps.csv").write_text("file,t_s\n002.png,0.1\n001.png,0.25\n")
-    timed = ImagesConfig(folder, "cam").build()
-    assert [(f.t_ns, f.image[0, 0, 0]) for f in timed.frames()] == [(100_000_000, 20), (250_000_000, 10)]
+    assert [(f.t_ns, f.image[0, 0, 0]) for f in build().frames()] == [(100_000_000, 20), (250_000_000, 10)]
     (folder / "timestamps.csv").write_text("file,t_s\n002.png,0.3\n001.png,0.25\n")
-    refusal(SourceError, "strictly increasing", lambda: ImagesConfig(folder, "cam").build())
+    refusal(SourceError, "strictly increasing", build)
     (folder / "timestamps.csv").write_text("name,seconds\n002.png,0.3\n")
-    refusal(SourceError, "expected columns file, t_s", lambda: ImagesConfig(folder, "cam").build())
+    refusal(SourceError, "expected columns file, t_s", build)
     (folder / "timestamps.csv").unlink()
-    with pytest.raises(SourceError, match=r"do not state their frame rate; add `rate_hz=HZ`, .* or timestamps\.csv"):
-        ImagesConfig(folder, "cam").build()
+    refusal(SourceError, r"do not state their frame rate; add `rate_hz=HZ`, .* or timestamps\.csv", build)
 
 
 def test_a_broken_image_is_counted_and_an_empty_folder_named(tmp_path: Path) -> None:
@@ -189,18 +188,13 @@ def test_any_order_gives_the_frames_of_reading_on(name: str, request: pytest.Fix
 
 def test_reading_on_decodes_each_frame_once(video: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     seeker = VideoSeeker(VideoConfig(video, "cam"))
-    starts, begin = [], seeker._decoded
-
-    def counted():
-        starts.append(1)
-        return begin()
-
-    monkeypatch.setattr(seeker, "_decoded", counted)
+    starts = Mock(side_effect=seeker._decoded)
+    monkeypatch.setattr(seeker, "_decoded", starts)
     for i in range(60):
         seeker.at(i)
-    assert len(starts) == 1
+    assert starts.call_count == 1
     seeker.at(10)
-    assert len(starts) == 2
+    assert starts.call_count == 2
 
 
 def test_images_are_found_by_their_times(tmp_path: Path) -> None:
@@ -244,15 +238,16 @@ BLACK = [np.zeros((32, 32, 3), np.uint8)]
     [
         ("2026-03-01T09:30:00.000000Z", "2026-03-01T09:30:00Z"),
         ("2026-03-01T10:30:00+01:00", "2026-03-01T09:30:00Z"),
-        (None, None),
+        ("", None),
+        ("1970-01-01T00:00:00.000000Z", None),
     ],
+    ids=["in UTC", "elsewhere", "nothing", "a clock that was never set"],
 )
-def test_the_stated_time_in_utc(tmp_path: Path, stated: str | None, when: str | None) -> None:
-    assert recorded_at(write_video(tmp_path / "a.mp4", BLACK, "mpeg4", stated=stated or "")) == when
+def test_the_stated_time_in_utc(tmp_path: Path, stated: str, when: str | None) -> None:
+    assert recorded_at(write_video(tmp_path / "a.mp4", BLACK, "mpeg4", stated=stated)) == when
 
 
-def test_a_clock_that_was_never_set_and_a_damaged_file_state_nothing(tmp_path: Path) -> None:
-    assert recorded_at(write_video(tmp_path / "a.mp4", BLACK, "mpeg4", stated="1970-01-01T00:00:00.000000Z")) is None
+def test_a_damaged_file_states_no_time(tmp_path: Path) -> None:
     (tmp_path / "b.mp4").write_bytes(b"not a video")
     assert recorded_at(tmp_path / "b.mp4") is None
 
