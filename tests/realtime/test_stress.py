@@ -35,20 +35,14 @@ DOMAIN = 60 + os.getpid() % 40
 DDS_PORTS = [7400 + 250 * DOMAIN + offset for offset in (0, 1, 10, 11, 12, 13)]
 
 
-class Flood(threading.Thread):
+def flood(over: threading.Event) -> None:
     """Datagrams of random bytes to the ports of the session, all the time."""
-
-    def __init__(self) -> None:
-        super().__init__()
-        self.over = threading.Event()
-
-    def run(self) -> None:
-        rng = random.Random(1)
-        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sender:
-            while not self.over.wait(0.002):
-                body = rng.randbytes(rng.choice((1, 20, 200, 1400)))
-                with contextlib.suppress(OSError):
-                    sender.sendto(rng.choice((b"RTPS\x02\x01", b"")) + body, ("127.0.0.1", rng.choice(DDS_PORTS)))
+    rng = random.Random(1)
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sender:
+        while not over.wait(0.002):
+            body = rng.randbytes(rng.choice((1, 20, 200, 1400)))
+            with contextlib.suppress(OSError):
+                sender.sendto(rng.choice((b"RTPS\x02\x01", b"")) + body, ("127.0.0.1", rng.choice(DDS_PORTS)))
 
 
 class Sabotage:
@@ -87,8 +81,8 @@ def test_ten_minutes_of_kills_stops_floods_a_full_disk_and_a_removed_folder(
     demo_session: Path, small_disk, tmp_path: Path
 ) -> None:
     disk, spare, kept, (mark, environment) = small_disk(DISK_MB), tmp_path / "spare", tmp_path / "kept", new_mark()
-    folder, filler, flood = disk / "session", disk / "filler", Flood()
-    flood.start()
+    folder, filler, over = disk / "session", disk / "filler", threading.Event()
+    threading.Thread(target=flood, args=(over,)).start()
     folder.mkdir()
     spare.mkdir()
     outputs = ["--ros", "--local-only", "--domain", str(DOMAIN), "--osc", "127.0.0.1:9", "--json-udp", "127.0.0.1:9"]
@@ -112,7 +106,7 @@ def test_ten_minutes_of_kills_stops_floods_a_full_disk_and_a_removed_folder(
         _, said = live.ended(1)
     finally:
         live.process.kill()
-        flood.over.set()
+        over.set()
     assert left(mark) == []
     first = memory[len(memory) // 5]
     assert min(parts) > 0

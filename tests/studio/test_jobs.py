@@ -10,6 +10,7 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
+from unittest.mock import Mock
 
 import pytest
 from checks import refusal
@@ -63,14 +64,9 @@ def test_progress_news_and_result_are_reported(workspace: StudioWorkspace, monke
 
 
 def test_a_known_fault_is_one_line_and_a_bug_is_named(workspace: StudioWorkspace, monkeypatch: pytest.MonkeyPatch) -> None:
-    def refuse(*_: Any) -> Mapping[str, Any]:
-        raise InputError("no such\nfolder")
-
-    def bug(*_: Any) -> Mapping[str, Any]:
-        raise ZeroDivisionError("by zero")
-
-    assert done(workspace, refuse, monkeypatch).error == "no such folder"
-    assert done(workspace, bug, monkeypatch).error.startswith("ZeroDivisionError: by zero")
+    refusing, faulty = Mock(side_effect=InputError("no such\nfolder")), Mock(side_effect=ZeroDivisionError("by zero"))
+    assert done(workspace, refusing, monkeypatch).error == "no such folder"
+    assert done(workspace, faulty, monkeypatch).error.startswith("ZeroDivisionError: by zero")
 
 
 def test_a_cancelled_job_is_interrupted(workspace: StudioWorkspace, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -83,16 +79,15 @@ def test_a_cancelled_job_is_interrupted(workspace: StudioWorkspace, monkeypatch:
 
 
 def test_a_job_whose_workspace_was_deleted_ends(workspace: StudioWorkspace, monkeypatch: pytest.MonkeyPatch) -> None:
-    went_on = []
+    went_on = Mock()
 
-    def run(*_: Any) -> Mapping[str, Any]:
+    def run(*_: Any) -> Any:
         shutil.rmtree(workspace.path(f"{JOBS_FOLDER}/one"))
         threading.Event().wait(20.0)
-        went_on.append(True)
-        return {}
+        went_on()
 
     done(workspace, run, monkeypatch)
-    assert not went_on
+    assert not went_on.called
 
 
 def test_a_job_that_stopped_reporting_is_lost_with_its_last_words(workspace: StudioWorkspace) -> None:
@@ -144,13 +139,13 @@ def test_damaged_state_is_no_trouble(workspace: StudioWorkspace) -> None:
 
 def test_what_has_ended_is_read_once(workspace: StudioWorkspace, monkeypatch: pytest.MonkeyPatch) -> None:
     names = [ended(workspace, number) for number in range(500)]
-    jobs, read = Jobs(workspace), list[Path]()
-    monkeypatch.setattr("posefuse_studio.jobs.read_stored", lambda path, cls: [read.append(path), read_stored(path, cls)][1])
-    assert jobs.running() == [] and len(read) == 2 * len(names)
+    jobs, read = Jobs(workspace), Mock(side_effect=read_stored)
+    monkeypatch.setattr("posefuse_studio.jobs.read_stored", read)
+    assert jobs.running() == [] and read.call_count == 2 * len(names)
     for _ in range(3):
         assert jobs.running() == [] and jobs.running("report") == [] and jobs.running("live") == []
         assert [job.id for job in jobs.all()] == names[::-1] and jobs.report(names[0]).ended
-    assert len(read) == 2 * len(names)
+    assert read.call_count == 2 * len(names)
     # a new one is seen, and read again until it ends
     folder = stored_job(workspace, "20260102-000000-report", {"state": "running", "reported_s": time.time()})
     assert [job.id for job in jobs.running()] == [folder.name]

@@ -92,8 +92,8 @@ def test_an_upload_is_bounded_and_never_replaces_a_file(workspace: StudioWorkspa
         for _ in range(3):
             yield b"1234"
 
-    assert asyncio.run(workspace.upload("videos", "cam 1.mp4", parts())) == "videos/cam 1.mp4"
-    assert asyncio.run(workspace.upload("videos", "cam 1.mp4", parts())) == "videos/cam 1-2.mp4"
+    for name in ("videos/cam 1.mp4", "videos/cam 1-2.mp4"):
+        assert asyncio.run(workspace.upload("videos", "cam 1.mp4", parts())) == name
     refusal(InputError, "more than", lambda: asyncio.run(workspace.upload("videos", "large.mp4", parts(), most_bytes=8)))
     assert sorted(path.name for path in (workspace.root / "videos").iterdir()) == ["cam 1-2.mp4", "cam 1.mp4"]
     assert (workspace.root / "videos" / "cam 1.mp4").read_bytes() == b"1234" * 3
@@ -167,7 +167,6 @@ def test_targets_are_printed_with_what_describes_them(workspace: StudioWorkspace
     assert without_floor(read_target(workspace.existing(board))) == read_target(workspace.existing(board))
     for name in (cube, board):
         assert workspace.existing(name.replace(".toml", ".pdf")).read_bytes().startswith(b"%PDF")
-    assert targets(workspace, "intrinsics") == [board] and targets(workspace, "extrinsics") == [cube]
     # again: there are still two
     print_targets(workspace, sizes, "a4", "intrinsics")
     assert targets(workspace, "intrinsics") == [board] and targets(workspace, "extrinsics") == [cube]

@@ -14,10 +14,6 @@ from checks import assert_same, refusal
 from commanded import commanded
 from own_domain import own_domain
 
-pytest.importorskip("rosbags")
-pytest.importorskip("mujoco")
-pytest.importorskip("daqp")
-
 from bench.rehearsal.faults import engaged_world, tick
 from bench.rehearsal.world import settings_for
 from posefuse.core import SE3, ConfigError, MessageError

@@ -7,7 +7,6 @@ import pytest
 from running import python
 
 pytest.importorskip("rerun", reason="the extra `viewer` is not installed")
-pytest.importorskip("mujoco")
 
 from bench.rehearsal.faults import engaged_world, tick
 from bench.rehearsal.world import settings_for
