@@ -63,7 +63,6 @@ def test_ten_thousand_messages_do_not_harm_a_running_fusion_node(demo_session: P
     assert "Traceback" not in err
     figures = json.loads(out)
     refused = figures["messages"]["refused"] + sum(figures["not_used"].values()) + sum(figures["strangers"].values())
-    print(figures["messages"], figures["not_used"], figures["strangers"], {n: figures["cameras"][n]["used"] for n in sent}, sent)
     # the result of the flood was counted, and said
     assert refused > 200
     assert "floods the network" in err

@@ -6,7 +6,6 @@ import time
 from itertools import pairwise
 from pathlib import Path
 
-import numpy as np
 import pytest
 from running import Lines
 
@@ -58,7 +57,6 @@ def test_five_percent_loss_and_fifty_ms_delay(machines):
     assert 0.95**3 - 0.07 < len(numbers) / 300 < 0.95**3 + 0.07
     assert numbers[-1] > 280
     assert min(ages) >= 0.05
-    print(f"age p50 {np.median(ages) * 1e3:.1f} ms, p95 {np.percentile(ages, 95) * 1e3:.1f} ms")
 
 
 def test_a_link_cut_and_back(machines):
