@@ -9,6 +9,8 @@ import built
 import numpy as np
 import pytest
 from checks import assert_same, refusal
+from mcap import reader
+from mcap_ros2.decoder import DecoderFactory
 
 from posefuse.cli.main import main
 from posefuse.core import (
@@ -44,8 +46,6 @@ from posefuse_ros.markers import annotations_of_view
 from posefuse_ros.mcap_output import RecordConfig
 
 pytest.importorskip("rosbags", reason="the extra `ros` is not installed")
-reader = pytest.importorskip("mcap.reader")
-DecoderFactory = pytest.importorskip("mcap_ros2.decoder").DecoderFactory
 
 K, BEGIN_NS, PERIOD_NS = len(BLAZEPOSE33), 1_700_000_000_000_000_000, 33_366_700
 BODY = built.standing(-0.6, 0.2, skeleton=BLAZEPOSE33)
