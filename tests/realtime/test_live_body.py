@@ -91,6 +91,10 @@ def xyz_of(poses: list[Pose3D]) -> np.ndarray:
     return np.array([pose.xyz_world[0] for pose in poses])
 
 
+def apart_m(poses: list[Pose3D], others: list[Pose3D]) -> list[float]:
+    return [difference_m(one, two) for one, two in zip(poses, others, strict=True)]
+
+
 def lengths_m(poses: list[Pose3D]) -> np.ndarray:
     """(T, bones)."""
     xyz = xyz_of(poses)
@@ -160,14 +164,12 @@ def test_off_there_is_nothing() -> None:
     """And until a skeleton is learnt, both ways give the same to the last bit: nothing of the fit reaches the tracker."""
     assert warmed_up(walk().rig, ANATOMICAL23, OFF).bodies is None
     until_ns = BEGIN_NS + round(LIVE_BODY.learn_s * 1e9)
-    begin = [(one, two) for one, two in zip(off(), on(), strict=True) if one.t_ns < until_ns]
-    assert len(begin) > 50
-    assert max(difference_m(one, two) for one, two in begin) == 0.0
+    begin = sum(pose.t_ns < until_ns for pose in off())
+    assert begin > 50 and max(apart_m(off()[:begin], on()[:begin])) == 0.0
 
 
 def test_auto_waits_for_a_table_that_was_fitted() -> None:
-    auto = walk().poses(LiveConfig())
-    assert max(difference_m(one, two) for one, two in zip(off(), auto, strict=True)) == 0.0
+    assert max(apart_m(off(), walk().poses(LiveConfig()))) == 0.0
 
 
 def test_the_order_of_arrival_between_two_output_ticks_does_not_matter() -> None:
@@ -177,9 +179,8 @@ def test_the_order_of_arrival_between_two_output_ticks_does_not_matter() -> None
     assert (order != np.arange(len(order))).any()
     due = [(BEGIN_NS + tick_of[i] * PERIOD_NS, walk().come[i][1]) for i in order]
     # the cross-check follows the first view after an output, so it may judge another view: no nearer than that
-    apart = [difference_m(one, two) for one, two in zip(on(), walk().poses(ON, due), strict=True)]
-    plain = [difference_m(one, two) for one, two in zip(off(), walk().poses(OFF, due), strict=True)]
-    assert max(apart) <= max(1e-6, 2 * max(plain))
+    apart, plain = max(apart_m(on(), walk().poses(ON, due))), max(apart_m(off(), walk().poses(OFF, due)))
+    assert apart <= max(1e-6, 2 * plain)
 
 
 def test_moving_the_world_moves_the_skeleton() -> None:
@@ -261,5 +262,4 @@ def test_all_keypoints_of_a_set_are_followed(name: str, ring_rig: Callable[..., 
             tracker.add(detections(camera.name, camera.project(xyz_at(t_ns))[None], t_ns, sigma_px=1.8, skeleton=skeleton))
     pose = tracker.at(t_ns + 3_000_000)
     assert pose.skeleton == skeleton and len(pose.person_id) == 1
-    off_m = np.linalg.norm(pose.xyz_world[0] - xyz_at(t_ns + 3_000_000), axis=-1)
-    assert off_m.max() < 0.01
+    assert np.linalg.norm(pose.xyz_world[0] - xyz_at(t_ns + 3_000_000), axis=-1).max() < 0.01

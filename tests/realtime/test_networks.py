@@ -47,12 +47,9 @@ def test_of_the_networks_to_choose_from_one_is_enough(monkeypatch: pytest.Monkey
 
 def test_a_device_is_checked_before_anything_is_downloaded(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("POSEFUSE_CACHE", str(tmp_path))
-    for choice in (
-        DetectorChoice(options={"device": "gpu"}),
-        DetectorChoice(options={"device": "gpu", "landmarks": "blazepose_full"}),
-        DetectorChoice(name="onnx", options={"device": "gpu", "card": "rtmpose_s"}),
-        DetectorChoice(options={"device": "cuda", "landmarks": "blazepose_full"}),
-    ):
+    gpu, full = {"device": "gpu"}, {"landmarks": "blazepose_full"}
+    choices = [DetectorChoice(options=options) for options in (gpu, gpu | full, {"device": "cuda"} | full)]
+    for choice in (*choices, DetectorChoice(name="onnx", options=gpu | {"card": "rtmpose_s"})):
         refusal(ConfigError, "device: ", fetch_networks, choice)
     assert not list(tmp_path.iterdir())
 
@@ -74,17 +71,15 @@ def test_where_none_runs_the_reason_is_given(tmp_path: Path, monkeypatch: pytest
 
 def test_auto_is_a_graphics_card_where_the_network_ran_on_one(monkeypatch: pytest.MonkeyPatch) -> None:
     choice, asked = DetectorChoice(name="onnx", options={"card": "rtmpose_s"}), []
+    ran_on = iter(("cuda:0", "cpu (driver 470 is too old)", "cuda:0"))
 
-    def ran_on(device: str):
-        def costs(choice: DetectorChoice, names: object, cameras: int) -> list[NetworkCost]:
-            asked.append((names, cameras))
-            return [NetworkCost("rtmpose_s", device, 0.001)]
+    def costs(choice: DetectorChoice, names: object, cameras: int) -> list[NetworkCost]:
+        asked.append((names, cameras))
+        return [NetworkCost("rtmpose_s", next(ran_on), 0.001)]
 
-        return costs
-
+    monkeypatch.setattr(networks, "_costs", costs)
     monkeypatch.setattr(networks, "is_listed", lambda _: True)
-    for device, expected in (("cuda:0", "cuda:0"), ("cpu (driver 470 is too old)", "cpu")):
-        monkeypatch.setattr(networks, "_costs", ran_on(device))
+    for expected in ("cuda:0", "cpu"):
         settled = settled_network(choice, 6, lambda _: None)
         assert settled.options == {"card": "rtmpose_s", "device": expected}
     monkeypatch.setattr(networks, "is_listed", lambda _: False)

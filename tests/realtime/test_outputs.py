@@ -5,8 +5,8 @@ import shutil
 import signal
 import threading
 import time
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import closing, contextmanager
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import ClassVar
@@ -36,9 +36,9 @@ PATIENCE_S = 60.0
 
 
 @contextmanager
-def running(config: "Scripted") -> Iterator[OutputThread]:
-    """The output in its thread, finished at the end."""
-    worker = OutputThread(OutputAdded("scripted", config, made_up_start(1)))
+def running(config: "Scripted", kept: Sequence[LiveMessage] = ()) -> Iterator[OutputThread]:
+    """The output in its thread, finished at the end; `kept`: what came before it was opened."""
+    worker = OutputThread(OutputAdded("scripted", config, made_up_start(1), kept=list(kept)))
     yield worker
     worker.finish()
     worker.join(PATIENCE_S)
@@ -107,15 +107,6 @@ def test_an_output_that_raises_an_error_is_reported_closed_and_reopened(capfd) -
     assert capfd.readouterr() == ("", "")
 
 
-def test_an_output_that_is_opened_later_gets_what_it_takes_and_nothing_else() -> None:
-    config = Scripted()
-    names = LiveNames(t_ns=POSE.pose.t_ns, names={7: "Ada"})
-    worker = OutputThread(OutputAdded("scripted", config, made_up_start(1), kept=[CENTRES, names]))
-    worker.finish()
-    worker.join(PATIENCE_S)
-    assert [what for what, _ in config.log] == ["start", "jointcentres", "close"]
-
-
 def test_repeated_failures_to_reopen_count_as_one_failure_and_one_part(monkeypatch) -> None:
     monkeypatch.setattr("posefuse.realtime.output_process._FIRST_RETRY_S", 0.001)
     monkeypatch.setattr("posefuse.realtime.output_process._LONGEST_RETRY_S", 0.001)
@@ -166,12 +157,15 @@ def test_an_output_that_hangs_while_it_is_opened_again_is_reported(monkeypatch) 
 
 
 def test_an_output_receives_only_the_messages_it_accepts() -> None:
-    config = Scripted()
+    config, later = Scripted(), Scripted()
     with running(config) as worker:
         for message in MESSAGES:
             worker.put(message)
     assert {what for what, _ in config.log} == {"start", "jointcentres", "pose", "close"}
     assert worker.health().dropped == 0
+    with running(later, [CENTRES, LiveNames(t_ns=POSE.pose.t_ns, names={7: "Ada"})]):
+        pass
+    assert [what for what, _ in later.log] == ["start", "jointcentres", "close"]
 
 
 @dataclass(frozen=True)
@@ -222,11 +216,16 @@ class Fed:
         os.kill(pid, number)
         return pid
 
-    def state(self) -> str:
-        return self.outputs.health["record"].state
+    def state(self, name: str = "record") -> str:
+        return self.outputs.health[name].state
 
-    def taken(self) -> int:
-        return self.outputs.health["record"].taken
+    def taken(self, name: str = "record") -> int:
+        return self.outputs.health[name].taken
+
+    def take_more(self, count: int, name: str = "record") -> None:
+        """Feed until an output has taken more than so many more."""
+        before = self.taken(name) if name in self.outputs.health else 0
+        until(lambda: self.taken(name) > before + count, self.feed)
 
     def events(self) -> list[tuple[str, str]]:
         return [(event.name, event.state) for event in self.outputs.events]
@@ -235,8 +234,8 @@ class Fed:
 @pytest.fixture
 def fed(tmp_path: Path):
     made = Fed(tmp_path / "live.mcap")
-    yield made
-    made.outputs.close()
+    with closing(made.outputs):
+        yield made
 
 
 def test_a_killed_process_is_reported_and_restarted_and_recording_continues(fed: Fed, tmp_path: Path, capfd) -> None:
@@ -257,8 +256,7 @@ def test_a_killed_process_is_reported_and_restarted_and_recording_continues(fed:
     figures = fed.outputs.figures()["record"]
     assert (figures["failures"], figures["finished"], figures["where"]) == (1, True, str(third))
     # nothing is written over, what was recorded can be read, and the new part is whole
-    assert first.read_bytes() == kept
-    assert second.read_text() == "another person's"
+    assert (first.read_bytes(), second.read_text()) == (kept, "another person's")
     said: list[str] = []
     before = [pose.t_ns for pose, _ in read_poses(first, warn=said.append)]
     assert len(before) > 50 and len(said) == 1
@@ -270,36 +268,35 @@ def test_a_killed_process_is_reported_and_restarted_and_recording_continues(fed:
     assert capfd.readouterr() == ("", "")
 
 
+def lose_second(fed: Fed, folder: Path, spare: Path | None = None) -> None:
+    """Remove the folder of a second recording, for which there may be a second place."""
+    folder.mkdir()
+    fed.outputs.add("second", RecordConfig(path=folder / "second.mcap", spare=spare))
+    until(lambda: "second" in fed.outputs.health and fed.taken("second") > 5, fed.feed)
+    shutil.rmtree(folder)
+
+
 def test_after_a_restart_an_output_that_cannot_be_opened_keeps_no_other_closed(fed: Fed, tmp_path: Path) -> None:
-    gone = tmp_path / "gone"
-    gone.mkdir()
-    fed.outputs.add("second", RecordConfig(path=gone / "second.mcap"))
-    until(lambda: fed.outputs.health["second"].taken > 5, fed.feed)
-    shutil.rmtree(gone)
+    lose_second(fed, tmp_path / "gone")
     fed.kill()
     until(lambda: fed.outputs.failed, fed.feed)
-    taken = fed.taken()
-    until(lambda: fed.taken() > taken + 20, fed.feed)
+    fed.take_more(20)
     until(lambda: "gone" in fed.outputs.health["second"].text, fed.feed)
-    assert (fed.state(), fed.outputs.health["second"].state) == (OK, FAILED)
+    assert (fed.state(), fed.state("second")) == (OK, FAILED)
     # each has a line of its own
     assert {event.name: event.state for event in fed.outputs.events} == {"process": FAILED, "record": OK, "second": FAILED}
     assert fed.events().count(("process", FAILED)) == 1
 
 
 def test_a_recording_whose_file_is_gone_is_named_and_continues_in_the_second_place(fed: Fed, tmp_path: Path) -> None:
-    gone, spare = tmp_path / "gone", tmp_path / "spare"
-    gone.mkdir()
+    spare = tmp_path / "spare"
     spare.mkdir()
-    fed.outputs.add("second", RecordConfig(path=gone / "second.mcap", spare=spare))
-    until(lambda: fed.outputs.health["second"].taken > 5, fed.feed)
-    shutil.rmtree(gone)
+    lose_second(fed, tmp_path / "gone", spare)
     until(lambda: fed.outputs.health["second"].failures == 1, fed.feed)
     assert "second.mcap: the file is gone" in fed.outputs.health["second"].fault
-    until(lambda: fed.outputs.health["second"].state == OK, fed.feed)
+    until(lambda: fed.state("second") == OK, fed.feed)
     assert fed.outputs.health["second"].where == str(spare / "second.2.mcap")
-    taken = fed.outputs.health["second"].taken
-    until(lambda: fed.outputs.health["second"].taken > taken + 10, fed.feed)
+    fed.take_more(10, "second")
     fed.outputs.close()
     said: list[str] = []
     assert len(list(read_poses(spare / "second.2.mcap", warn=said.append))) > 10 and said == []
@@ -309,7 +306,7 @@ def test_a_recording_that_makes_progress_is_finished_at_the_end(fed: Fed, tmp_pa
     """It takes longer than an output without progress is waited for."""
     slow = tmp_path / "slow.txt"
     fed.outputs.add("slow", Slow(slow))
-    until(lambda: fed.outputs.health["slow"].taken > 0, fed.feed)
+    fed.take_more(0, "slow")
     monkeypatch.setattr(outputs_module, "END_S", 0.5)
     for _ in range(40):
         fed.feed()
@@ -319,7 +316,7 @@ def test_a_recording_that_makes_progress_is_finished_at_the_end(fed: Fed, tmp_pa
 
 
 def test_a_process_that_exits_early_is_a_failure(fed: Fed) -> None:
-    until(lambda: fed.taken() > 0, fed.feed)
+    fed.take_more(0)
     fed.kill(signal.SIGSTOP)
     fed.outputs.close()
     assert fed.outputs.failed
@@ -352,14 +349,13 @@ def test_messages_are_sent_in_batches_unless_an_output_needs_the_newest(fed: Fed
 def test_an_output_is_added_and_removed_while_the_session_runs(fed: Fed, tmp_path: Path) -> None:
     second = tmp_path / "second.mcap"
     fed.outputs.offer(LiveNames(t_ns=POSE.pose.t_ns, names={0: "Ada"}))
-    until(lambda: fed.taken() > 0, fed.feed)
+    fed.take_more(0)
     fed.outputs.add("second", RecordConfig(path=second))
-    until(lambda: fed.outputs.health["second"].taken > 20, fed.feed)
+    fed.take_more(20, "second")
     fed.outputs.remove("second")
     # it stays in the list until its file is whole
     until(lambda: "second" not in fed.outputs.health, fed.feed)
-    taken = fed.taken()
-    until(lambda: fed.taken() > taken + 5, fed.feed)
+    fed.take_more(5)
     said: list[str] = []
     assert len(list(read_poses(second, warn=said.append))) > 20 and said == []
     # what a recording must have seen before all poses came to the later one, too
@@ -380,7 +376,7 @@ def test_a_full_disk_is_reported_and_recording_continues_after_space_is_freed(sm
     ballast = disk / "ballast"
     ballast.write_bytes(bytes(11 * 2**20))
     fed = Fed(disk / "live.mcap")
-    try:
+    with closing(fed.outputs):
         until(lambda: fed.state() == FAILED, fed.feed)
         assert fed.events() == [("record", FAILED)]
         assert fed.outputs.events[0].text == f"{disk / 'live.mcap'}: No space left on device"
@@ -389,8 +385,6 @@ def test_a_full_disk_is_reported_and_recording_continues_after_space_is_freed(sm
         ballast.unlink()
         until(lambda: fed.state() == OK, fed.feed)
         until(lambda: fed.taken() > fed.count // 2, fed.feed)
-    finally:
-        fed.outputs.close()
     assert fed.outputs.failed
     assert sorted(path.name for path in disk.iterdir()) == ["live.2.mcap", "live.mcap"]
     [line] = health_lines(LiveHealth(t_ns=0, cameras={}, outputs=fed.outputs.health))

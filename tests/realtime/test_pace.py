@@ -5,58 +5,58 @@ import signal
 import sys
 import threading
 import time
+from collections.abc import Iterable
 from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
-from built import admitted, camera_state
+from built import camera_state
 from live_session import until
 from no_outputs import NoOutputs
 
 from posefuse.cli.live import exit_code
-from posefuse.core import SKELETONS, CameraHealth, Detections2D, JointCentres
+from posefuse.core import CameraHealth, Detections2D, JointCentres
 from posefuse.core.skeleton import COCO17
 from posefuse.foundation.channel import Channel
 from posefuse.foundation.worker import Worker
 from posefuse.health.cameras import Monitor
 from posefuse.realtime import news, processes
-from posefuse.realtime.messages import KeepVideos, Ready, SeenView, SessionClock, Status, Stop
+from posefuse.realtime.messages import KeepVideos, Ready, SessionClock, Status, Stop
 from posefuse.realtime.news import News, ProcessedImages, never_waiting
 from posefuse.realtime.session import closing_lines
 
 S = 1_000_000_000
 
 
-def sentences(pace: ProcessedImages, share: float, smaller: str = "", seconds: int = 60) -> list[str]:
-    found = []
-    for t in range(seconds):
+@pytest.mark.parametrize(
+    ("share", "smaller", "advice"),
+    [
+        (0.09, "rtmpose_s", ["use `networks=rtmpose_s`, fewer cameras, or cameras at a lower frame rate"]),
+        (0.09, "", ["use fewer cameras, or cameras at a lower frame rate"]),
+        (0.7, "", []),
+    ],
+)
+def test_a_slow_machine_is_reported_once_with_what_helps(share: float, smaller: str, advice: list[str]) -> None:
+    pace, found = ProcessedImages(), []
+    for t in range(60):
         for cameras in (("a", "b"), ("c",)):
             states = tuple(camera_state(camera, 30 * t, round(share * 30 * t)) for camera in cameras)
             found.append(pace.news(Status(t * S, states), float(t), lambda: smaller))
-    return [line for line in found if line]
+    assert [line for line in found if line] == [f"this computer processes 9% of the images: {words}" for words in advice]
 
 
-def test_a_slow_machine_is_reported_once_with_what_helps() -> None:
-    assert sentences(ProcessedImages(), 0.09, "rtmpose_s") == [
-        "this computer processes 9% of the images: use `networks=rtmpose_s`, fewer cameras, or cameras at a lower frame rate"
-    ]
-    assert sentences(ProcessedImages(), 0.09) == [
-        "this computer processes 9% of the images: use fewer cameras, or cameras at a lower frame rate"
-    ]
-    assert not sentences(ProcessedImages(), 0.7)
-
-
-def seen_at_zero(camera: str) -> SeenView:
-    empty = Detections2D.empty(camera, 0, SKELETONS["coco17"])
-    return SeenView(detections=empty, state=None, received_ns=0, started_ns=0, detected_ns=0)
+def of_cameras(*names: str) -> Monitor:
+    """Of cameras that each had a view at zero."""
+    monitor = Monitor(names)
+    for name in names:
+        monitor.admit(Detections2D.empty(name, 0, COCO17), 0, received_ns=0, still=0)
+    return monitor
 
 
 def test_a_camera_whose_frames_wait_is_not_silent() -> None:
-    monitor = Monitor(("slow", "gone"))
-    for name in ("slow", "gone"):
-        admitted(monitor, seen_at_zero(name), 0)
+    monitor = of_cameras("slow", "gone")
     for t in range(5):
         monitor.take_state(camera_state("slow", 30 * t, 1), t * S)
         monitor.take_state(camera_state("gone", 1, 1), t * S)
@@ -67,32 +67,41 @@ def test_a_camera_whose_frames_wait_is_not_silent() -> None:
 def test_a_camera_is_not_silent_while_its_process_owes_a_report() -> None:
     """A process at work on one image reports when that is done; it is judged itself meanwhile."""
     for regular, state_at in ((True, "ok"), (False, "silent")):
-        monitor = Monitor(("a",))
-        admitted(monitor, seen_at_zero("a"), 0)
+        monitor = of_cameras("a")
         monitor.take_state(camera_state("a", 1, 1), 0, regular=regular)
         assert monitor.judge(S * 3 // 2, {})["a"].state == state_at
         assert monitor.judge(S * 5 // 2, {})["a"].state == "silent"
 
 
-def test_changes_of_a_camera_are_printed_ten_seconds_apart() -> None:
+OK, DEAD = CameraHealth("ok"), CameraHealth("dead", "process 1 ended")
+
+
+def reported(verdicts: Iterable[CameraHealth], every_ns: int) -> tuple[Monitor, list[str]]:
+    """What is printed of a camera that is judged so, one time after the other."""
     monitor, lines = Monitor(("a",)), []
     news = News(SimpleNamespace(monitor=monitor, watch=None, noise_scale=None, outlets=NoOutputs()), 0, lines.append)
-    for quarter in range(4 * 60):
-        now_ns = quarter * S // 4
-        monitor.judge(now_ns, {"a": CameraHealth("dead", "process 1 ended")} if quarter % 2 else {"a": CameraHealth("ok")})
-        news.report(now_ns)
+    for i, verdict in enumerate(verdicts):
+        monitor.judge(i * every_ns, {"a": verdict})
+        news.report(i * every_ns)
+    return monitor, lines
+
+
+def test_changes_of_a_camera_are_printed_ten_seconds_apart() -> None:
+    monitor, lines = reported([OK, DEAD] * 120, S // 4)
     times = [float(line.split()[0]) for line in lines]
     assert monitor.event_count > 200 and 4 <= len(lines) <= 7
     assert all(later - sooner >= 9.7 for sooner, later in pairwise(times[1:]))
 
 
 def test_the_first_trouble_of_a_camera_is_printed_at_once() -> None:
-    monitor, lines = Monitor(("a",)), []
-    news = News(SimpleNamespace(monitor=monitor, watch=None, noise_scale=None, outlets=NoOutputs()), 0, lines.append)
-    for second, verdict in enumerate((CameraHealth("ok"), CameraHealth("dead", "process 1 ended"), *[CameraHealth("ok")] * 20)):
-        monitor.judge(second * S, {"a": verdict})
-        news.report(second * S)
+    _, lines = reported([OK, DEAD, *[OK] * 20], S)
     assert [line.split("camera a: ")[1] for line in lines] == ["ok", "dead: process 1 ended", "ok"]
+
+
+def test_all_that_changes_is_reported_however_long_a_session_runs() -> None:
+    monitor, lines = reported([OK, DEAD] * 600, 11 * S)
+    assert len(lines) == monitor.event_count > len(monitor.events)
+    assert lines[-1] == "13189.00 s  camera a: dead: process 1 ended"
 
 
 def spin(channel: Channel) -> None:
@@ -108,12 +117,9 @@ def test_a_process_that_works_is_slow_and_one_that_does_nothing_hangs(monkeypatc
     monkeypatch.setattr(processes, "_HUNG_S", 0.5)
     try:
         member = processes._Member(plan=None, worker=worker, ready=True)
-        time.sleep(0.3)
-        verdicts = []
-        for _ in range(8):
-            verdicts.append(processes._silence(member))
-            time.sleep(0.2)
-        assert {verdict.state for verdict in verdicts} == {"overload"}
+        for wait_s in (0.3, *[0.2] * 7):
+            time.sleep(wait_s)
+            assert processes._silence(member).state == "overload"
         assert not processes._hangs(member)
         monkeypatch.setattr(processes, "_HUNG_BUSY_S", 0.01)
         assert processes._hangs(member), "nothing came of much work"
@@ -163,11 +169,11 @@ def test_a_session_without_a_person_names_the_reason(came: int, used: int, seen:
 
 
 @pytest.mark.parametrize(
-    ("poses", "stopped_by", "failed", "code"),
-    [(0, "", False, 3), (5, "", False, 0), (0, "", True, 1), (0, "SIGTERM", False, 143)],
+    ("people", "stopped_by", "failed", "code"),
+    [(False, "", False, 3), (True, "", False, 0), (False, "", True, 1), (False, "SIGTERM", False, 143)],
 )
-def test_a_session_without_a_person_has_an_exit_code_of_its_own(poses: int, stopped_by: str, failed: bool, code: int) -> None:
-    run = SimpleNamespace(stopped_by=stopped_by, failed=failed, people=bool(poses))
+def test_a_session_without_a_person_has_an_exit_code_of_its_own(people: bool, stopped_by: str, failed: bool, code: int) -> None:
+    run = SimpleNamespace(stopped_by=stopped_by, failed=failed, people=people)
     assert exit_code(run, 10.0, SimpleNamespace(note=print)) == code
 
 
@@ -186,19 +192,15 @@ def ready_at_once(channel: Channel, plan: object) -> None:
 @pytest.mark.skipif(sys.platform == "win32", reason="SIGKILL")
 def test_a_process_that_dies_between_ready_and_begin_is_started_again(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(processes, "run_group", ready_at_once)
-    groups = processes.Groups([SimpleNamespace(inputs=(), videos=None)])
-    try:
+    with processes.Groups([SimpleNamespace(inputs=(), videos=None)]) as groups:
+        groups.wait_ready()
         member = groups._members[0]
-        while member.marks is None:
-            groups._hear_ready(member)
         os.kill(member.worker.pid, signal.SIGKILL)
         member.worker._process.wait(10.0)
         groups.begin(time.monotonic_ns())
         assert "SIGKILL" in member.worker.trouble
         while groups.restarts == 0:
             assert not list(groups.messages())
-    finally:
-        groups.stop()
 
 
 def test_one_message_has_the_joint_centres_of_all_groups(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -229,15 +231,10 @@ def test_videos_switched_on_during_a_session_are_finished_at_its_end(
 ) -> None:
     monkeypatch.setattr(processes, "run_group", slow_to_finish)
     monkeypatch.setattr(processes, "FINISH_S", 1.0)
-    groups = processes.Groups([SimpleNamespace(inputs=(), videos=None, folder=tmp_path)])
-    try:
-        while groups._members[0].marks is None:
-            groups._hear_ready(groups._members[0])
-        groups.control(KeepVideos(tmp_path))
-        if stopped_before:
-            groups.control(KeepVideos(None))
-    finally:
-        groups.stop()
+    with processes.Groups([SimpleNamespace(inputs=(), videos=None, folder=tmp_path)]) as groups:
+        groups.wait_ready()
+        for folder in (tmp_path, None) if stopped_before else (tmp_path,):
+            groups.control(KeepVideos(folder))
     assert (tmp_path / "finished").exists()
 
 

@@ -4,21 +4,23 @@ import itertools
 import json
 import os
 import signal
-import subprocess
 import sys
 import threading
 import time
-from collections.abc import Callable
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Iterator
+from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
+import built
+import cv2
 import numpy as np
 import pytest
 from calibrating import marker_page
 from checks import refusal
+from commands import error, figures, oracle
 from live_session import until
 from memory_source import Clip
+from running import Running
 
 import posefuse as pf
 from posefuse.api import record as recording
@@ -37,8 +39,8 @@ from posefuse.pipeline.session import find_session
 from posefuse.realtime import video_keeping
 from posefuse.realtime.capture import Capture, LiveInput
 from posefuse.realtime.inputs import inputs_from_arguments
-from posefuse.realtime.video_keeping import VideoKeeper, read_counts, wait_for_videos
-from posefuse.realtime.watching import CameraFeed, exposure_warning
+from posefuse.realtime.video_keeping import KeptCounts, VideoKeeper, read_counts, wait_for_videos
+from posefuse.realtime.watching import CameraFeed, detail_left, exposure_warning, focus_warning
 from posefuse.sources.arriving import with_earlier
 from posefuse.sources.video import VideoConfig
 
@@ -46,139 +48,108 @@ GOOD = np.linspace(20, 230, 48 * 64, dtype=np.uint8).reshape(48, 64, 1).repeat(3
 STAMPS_NS = (0, 33_000_000, 67_000_000, 180_000_000, 210_000_000)
 
 
-def clip(name: str) -> Clip:
-    """At uneven times."""
-    return Clip(name, GOOD, STAMPS_NS)
+def inputs_of(*clips: Clip) -> list[LiveInput]:
+    return [LiveInput(clip.camera, "clip", clip, reopen=False) for clip in clips]
+
+
+def times_of(folder: Path, name: str) -> np.ndarray:
+    """Of the frames of a video."""
+    return VideoConfig(folder / f"{name}.mp4", name).build().times_ns()
 
 
 def test_every_frame_is_kept_at_its_own_time(tmp_path: Path) -> None:
-    inputs = [LiveInput(name, "clip", clip(name), reopen=False) for name in ("a", "b")]
-    with CameraFeed(inputs) as feed:
+    with CameraFeed(inputs_of(*(Clip(name, GOOD, STAMPS_NS) for name in ("a", "b")))) as feed:
         for _ in feed.watched(tmp_path, duration_s=20.0, judged=True):
             pass
     for name, counts in read_counts(tmp_path, ["a", "b"]).items():
         assert (counts.written, counts.dropped, counts.finished) == (5, 0, True)
         assert counts.longest_gap_s == pytest.approx(0.113)
         assert counts.rate_hz == pytest.approx(4 / 0.21)
-        np.testing.assert_array_equal(VideoConfig(tmp_path / f"{name}.mp4", name).build().times_ns(), STAMPS_NS)
+        np.testing.assert_array_equal(times_of(tmp_path, name), STAMPS_NS)
 
 
-@dataclass(frozen=True)
-class Late(Clip):
-    """Delivers its first frame late, then four more at a tenth of a second each."""
-
-    wait_s: float = 0.0
-
-    def frames(self) -> Any:
-        time.sleep(self.wait_s)
-        for i in range(100):
-            t_ns = time.monotonic_ns() - (self.zero_ns or 0)
-            yield Frame(camera=self.camera, seq=i, t_ns=t_ns, received_ns=t_ns, image=self.image)
-            time.sleep(0.02)
+def late(clip: Clip) -> Iterator[Frame]:
+    """At 50 Hz, those of camera b from a second later on."""
+    time.sleep(1.0 if clip.camera == "b" else 0.0)
+    for i in range(100):
+        yield built.frame(clip.camera, time.monotonic_ns() - (clip.zero_ns or 0), GOOD, seq=i)
+        time.sleep(0.02)
 
 
 @pytest.mark.realtime
 def test_the_duration_counts_from_the_first_frame_of_the_last_camera(tmp_path: Path) -> None:
-    inputs = [LiveInput(name, "clip", Late(name, GOOD, wait_s=wait_s), reopen=False) for name, wait_s in (("a", 0.0), ("b", 1.0))]
-    with CameraFeed(inputs) as feed:
+    with CameraFeed(inputs_of(Clip("a", plays=late), Clip("b", plays=late))) as feed:
         for _ in feed.watched(tmp_path, duration_s=0.5, judged=True):
             pass
     last = read_counts(tmp_path, ["a", "b"])["b"]
     assert last.last_s - last.first_s > 0.3
 
 
-@dataclass(frozen=True)
-class Silent(Clip):
-    """Ends, or waits, without a frame."""
-
-    endless: bool = False
-
-    def frames(self) -> Any:
-        while self.endless:
-            time.sleep(0.01)
-        yield from ()
+def waiting(clip: Clip) -> Iterator[Frame]:
+    """Never a frame."""
+    while True:
+        time.sleep(0.01)
+    yield
 
 
-def run(arguments: list[str], sources: dict[str, Any], monkeypatch: pytest.MonkeyPatch) -> int:
-    """`posefuse record` with these sources."""
-    inputs = [LiveInput(name, "clip", source, reopen=False) for name, source in sources.items()]
-    monkeypatch.setattr(recording, "inputs_from_arguments", lambda *ignored: inputs)
-    return main(["record", *arguments, "--json"])
+def incomplete(clip: Clip) -> Iterator[Frame]:
+    """Counts seven more frames than it delivers."""
+    for frame in clip.stamped():
+        yield replace(frame, seq=frame.seq + 7 * (frame.seq > 2))
 
 
-def test_a_recording_without_frames_is_an_error_that_leaves_nothing(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture
-) -> None:
-    assert run(["--out", str(tmp_path / "s")], {"a": Silent("a", GOOD)}, monkeypatch) == 1
-    printed = capsys.readouterr()
-    assert "no frame came from a: nothing was recorded" in printed.err
-    assert "next:" not in printed.err + printed.out
+@pytest.fixture
+def recorded(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture):
+    """Runs `posefuse record --out s` with sources, and gives its exit code and what it printed."""
+
+    def run(*sources: Clip) -> tuple[int, str, str]:
+        monkeypatch.setattr(recording, "inputs_from_arguments", lambda *ignored: inputs_of(*sources))
+        return main(["record", "--out", str(tmp_path / "s"), "--json"]), *capsys.readouterr()
+
+    return run
+
+
+def test_a_recording_without_frames_is_an_error_that_leaves_nothing(recorded, tmp_path: Path) -> None:
+    code, out, err = recorded(Clip("a", GOOD))
+    assert code == 1 and "no frame came from a: nothing was recorded" in err and "next:" not in err + out
     assert not list(tmp_path.iterdir())
 
 
-def test_a_recording_stopped_before_its_first_frame_leaves_nothing_and_claims_nothing(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture
-) -> None:
+def test_a_recording_stopped_before_its_first_frame_leaves_nothing_and_claims_nothing(recorded, tmp_path: Path) -> None:
     threading.Timer(0.5, signal.raise_signal, [signal.SIGINT]).start()
-    assert run(["--out", str(tmp_path / "s")], {"a": Silent("a", GOOD, endless=True)}, monkeypatch) == 130
-    assert capsys.readouterr().out == ""
+    assert recorded(Clip("a", GOOD, plays=waiting))[:2] == (130, "")
     assert not list(tmp_path.iterdir())
 
 
-def test_a_camera_without_frames_and_lost_frames_end_in_an_error_that_names_them(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture
-) -> None:
-    sources = {"a": clip("a"), "b": Silent("b", GOOD), "c": Gap("c", GOOD, STAMPS_NS)}
-    assert run(["--out", str(tmp_path / "s")], sources, monkeypatch) == 1
-    printed = capsys.readouterr()
-    assert "b: no frame came" in printed.err
-    assert "c: 7 frames are missing: the source did not deliver them" in printed.err
-    assert json.loads(printed.out)["videos"]["a"]["written"] == len(STAMPS_NS)
+def test_a_camera_without_frames_and_lost_frames_end_in_an_error_that_names_them(recorded, tmp_path: Path) -> None:
+    code, out, err = recorded(Clip("a", GOOD, STAMPS_NS), Clip("b", GOOD), Clip("c", GOOD, STAMPS_NS, plays=incomplete))
+    assert code == 1 and "b: no frame came" in err
+    assert "c: 7 frames are missing: the source did not deliver them" in err
+    assert json.loads(out)["videos"]["a"]["written"] == len(STAMPS_NS)
     assert json.loads((tmp_path / "s" / "videos" / "c.json").read_text())["lost"]
 
 
-@dataclass(frozen=True)
-class Gap(Clip):
-    """Counts seven more frames than it delivers."""
-
-    def frames(self) -> Any:
-        for frame in super().frames():
-            yield replace(frame, seq=frame.seq + 7 * (frame.seq > 2))
-
-
 @pytest.mark.realtime
-def test_a_recording_that_is_killed_is_named_and_completed_by_one_command(
-    tmp_path: Path, demo_session: Path, capsys: pytest.CaptureFixture
-) -> None:
+def test_a_recording_that_is_killed_is_named_and_completed_by_one_command(tmp_path: Path, demo_session: Path, capsys) -> None:
     session = tmp_path / "session"
     source = ["--source", f"cam00=video:{demo_session / 'videos' / 'cam00.mp4'}"]
     command = [sys.executable, "-m", "posefuse", "record", *source, "--out", str(session)]
-    with subprocess.Popen(command, stderr=subprocess.DEVNULL) as process:
-        try:
-            until(lambda: any(path.stat().st_size > 30_000 for path in tmp_path.glob(".session.*.unfinished/videos/cam00.mp4")))
-        finally:
-            process.kill()
-    assert main(command[3:]) == 1
-    assert f"`posefuse record --resume --out {session}` completes it" in capsys.readouterr().err
-    assert main(["record", "--resume", "--out", str(session)]) == 1
-    assert "is it still being recorded?" in capsys.readouterr().err
+    with Running(command):
+        until(lambda: any(path.stat().st_size > 30_000 for path in tmp_path.glob(".session.*.unfinished/videos/cam00.mp4")))
+    resume = ("record", "--resume", "--out", session)
+    assert f"`posefuse record --resume --out {session}` completes it" in error(capsys, *command[3:])
+    assert "is it still being recorded?" in error(capsys, *resume)
     for path in tmp_path.glob(".session.*/videos/*"):
         os.utime(path, (0, 0))
-    assert main(["record", "--resume", "--out", str(session), "--json"]) == 0
-    written = json.loads(capsys.readouterr().out)["videos"]["cam00"]["written"]
-    times_ns = VideoConfig(session / "videos" / "cam00.mp4", "cam00").build().times_ns()
-    assert len(times_ns) == written > 10
+    written = figures(capsys, *resume)["videos"]["cam00"]["written"]
+    assert len(times_of(session / "videos", "cam00")) == written > 10
     assert [path.name for path in tmp_path.iterdir()] == ["session"]
-    assert main(["record", "--resume", "--out", str(session)]) == 1
-    assert "nothing to resume" in capsys.readouterr().err
+    assert "nothing to resume" in error(capsys, *resume)
 
 
 def test_a_bad_exposure_is_named_and_a_good_one_is_not() -> None:
-    white, dark = GOOD.copy(), GOOD // 5
-    white[:20] = 255
-    assert exposure_warning(GOOD) == ""
-    assert exposure_warning(white).startswith("overexposed: ")
-    assert exposure_warning(dark).startswith("dark: ")
+    white = np.concatenate([np.full_like(GOOD[:20], 255), GOOD[20:]])
+    assert [exposure_warning(one).partition(":")[0] for one in (GOOD, white, GOOD // 5)] == ["", "overexposed", "dark"]
 
 
 def test_sources_need_no_rig_and_keep_their_order() -> None:
@@ -204,13 +175,13 @@ def test_what_guide_has_seen_is_a_session(tmp_path: Path) -> None:
     session, target = tmp_path / "session", write_target(tmp_path / "cube.toml", Markers(0.1))
     found = parse(["calibrate", "guide", "--target", str(target), *sources, "--record", str(session)])
     assert found is not None
-    figures = found.run(Terminal(as_json=True))
-    assert not figures["enough"] and figures["exit_code"] == 0
+    stated = found.run(Terminal(as_json=True))
+    assert not stated["enough"] and stated["exit_code"] == 0
     # a busy machine leaves out frames that it could not decode before the next was due
-    written = {name: one["written"] for name, one in figures["videos"].items()}
+    written = {name: one["written"] for name, one in stated["videos"].items()}
     assert set(written) == {"a", "b"} and all(3 <= count <= 12 for count in written.values())
     assert read_counts(session / "videos", ["b"])["b"].written == written["b"]
-    times_ns = VideoConfig(session / "videos" / "b.mp4", "b").build().times_ns()
+    times_ns = times_of(session / "videos", "b")
     assert len(times_ns) == written["b"]
     np.testing.assert_allclose(times_ns, np.rint(times_ns / 50_000_000) * 50_000_000, atol=1_000)
 
@@ -218,49 +189,40 @@ def test_what_guide_has_seen_is_a_session(tmp_path: Path) -> None:
 # --- `posefuse live --videos`: nothing waits for the disk, what is dropped is counted, and the folder is a session
 
 
-def frame(i: int) -> Pixels:
-    return Pixels(np.full((32, 48, 3), i % 250, np.uint8))
+def offered(keeper: VideoKeeper, numbers: range) -> VideoKeeper:
+    """It, after frames of these numbers at 100 Hz."""
+    for i in numbers:
+        keeper.offer(Pixels(np.full((32, 48, 3), i % 250, np.uint8)), i * 10_000_000)
+    return keeper
 
 
-def finished(keeper: VideoKeeper) -> None:
+def finished(keeper: VideoKeeper, folder: Path) -> KeptCounts:
     keeper.finish()
     wait_for_videos([keeper])
+    return read_counts(folder, ["cam"])["cam"]
 
 
 def test_all_frames_after_the_session_began_are_kept(tmp_path: Path) -> None:
-    keeper = VideoKeeper(tmp_path, "cam")
-    for i in range(-3, 20):
-        keeper.offer(frame(i), i * 10_000_000)
-    finished(keeper)
-    [counts] = read_counts(tmp_path, ["cam"]).values()
+    counts = finished(offered(VideoKeeper(tmp_path, "cam"), range(-3, 20)), tmp_path)
     assert (counts.written, counts.dropped, counts.fault, counts.finished) == (20, 0, "", True)
-    np.testing.assert_allclose(VideoConfig(tmp_path / "cam.mp4", "cam").build().times_ns(), np.arange(20) * 10_000_000, atol=1000)
-
-
-@dataclass(frozen=True)
-class Hurried(Clip):
-    """Delivers two frames as packets of the next one, as a camera does whose images come faster than they are decoded."""
-
-    made: tuple[Frame, ...] = ()
-
-    def frames(self) -> Any:
-        late = with_earlier(self.made[5], [(one.t_ns, one.encoded) for one in self.made[3:5]])
-        yield from (*self.made[:3], replace(self.made[5], encoded=late), *self.made[6:])
+    np.testing.assert_allclose(times_of(tmp_path, "cam"), np.arange(20) * 10_000_000, atol=1000)
 
 
 def test_frames_that_come_as_packets_of_the_next_one_are_not_lost(demo_session: Path, tmp_path: Path) -> None:
+    """As of a camera whose images come faster than they are decoded."""
     video = VideoConfig(demo_session / "videos" / "cam00.mp4", "cam00", keep_encoded=True, threads=False).build()
-    source = Hurried("cam00", GOOD, size_wh=(640, 480), made=tuple(itertools.islice(video.frames(), 30)))
-    with CameraFeed([LiveInput("cam00", "clip", source, reopen=False)]) as feed:
+    made = list(itertools.islice(video.frames(), 30))
+    both = with_earlier(made[5], [(one.t_ns, one.encoded) for one in made[3:5]])
+    came = [*made[:3], replace(made[5], encoded=both), *made[6:]]
+    with CameraFeed(inputs_of(Clip("cam00", size_wh=(640, 480), plays=lambda _: iter(came)))) as feed:
         feed.begin(tmp_path)
         until(lambda: feed.over)
-        [state], came = feed.states(), feed.came()
+        [state], counted = feed.states(), feed.came()
     [counts] = read_counts(tmp_path, ["cam00"]).values()
     assert (counts.written, counts.dropped, counts.lost, state.missing) == (30, 0, {}, 0)
-    kept_ns = VideoConfig(tmp_path / "cam00.mp4", "cam00").build().times_ns()
-    np.testing.assert_allclose(kept_ns, video.times_ns()[:30], atol=1_000)
+    np.testing.assert_allclose(times_of(tmp_path, "cam00"), video.times_ns()[:30], atol=1_000)
     # of which two were not decoded; the rate that is shown is that of all
-    assert (state.captured, came) == (28, [30])
+    assert (state.captured, counted) == (28, [30])
 
 
 def test_a_slow_disk_is_not_waited_for(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -272,21 +234,15 @@ def test_a_slow_disk_is_not_waited_for(tmp_path: Path, monkeypatch: pytest.Monke
 
     monkeypatch.setattr(video_keeping.KeptVideo, "write", slow)
     monkeypatch.setattr(video_keeping, "_ROOM_BYTES", 32 * 32 * 48 * 3)
-    keeper = VideoKeeper(tmp_path, "cam")
-    for i in range(100):
-        keeper.offer(frame(i), i * 10_000_000)
+    keeper = offered(VideoKeeper(tmp_path, "cam"), range(100))
     assert keeper.counts().dropped >= 100 - 34
     free.set()
-    finished(keeper)
-    [counts] = read_counts(tmp_path, ["cam"]).values()
-    assert counts.written + counts.dropped == 100
-    assert counts.written >= 32
+    counts = finished(keeper, tmp_path)
+    assert counts.written + counts.dropped == 100 and counts.written >= 32
     assert set(counts.lost) == {"the disk or the processor is too slow for this rate"}
 
 
-def test_a_video_that_still_makes_progress_is_finished_and_one_that_does_not_is_given_up(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_video_that_still_makes_progress_is_finished_and_one_that_does_not_is_given_up(tmp_path: Path, monkeypatch) -> None:
     """The disk takes a frame every 50 ms, and the one of the other camera nothing more."""
     monkeypatch.setattr(video_keeping, "FINISH_S", 0.5)
     free, write = threading.Event(), video_keeping.KeptVideo.write
@@ -298,10 +254,8 @@ def test_a_video_that_still_makes_progress_is_finished_and_one_that_does_not_is_
         return write(self, one, t_ns)
 
     monkeypatch.setattr(video_keeping.KeptVideo, "write", slow)
-    keepers = [VideoKeeper(tmp_path, name) for name in ("cam", "stuck")]
+    keepers = [offered(VideoKeeper(tmp_path, name), range(40)) for name in ("cam", "stuck")]
     for keeper in keepers:
-        for i in range(40):
-            keeper.offer(frame(i), i * 10_000_000)
         keeper.finish()
     wait_for_videos(keepers)
     counts = read_counts(tmp_path, ["cam", "stuck"])
@@ -317,8 +271,7 @@ def test_of_two_videos_of_a_camera_both_are_finished_at_the_end(tmp_path: Path) 
     for name in ("first", "second"):
         (tmp_path / name).mkdir()
         capture.exchange_keeper(VideoKeeper(tmp_path / name, "cam"))
-        for i in range(200):
-            capture._keeper.offer(frame(i), i * 10_000_000)
+        offered(capture._keeper, range(200))
     wait_for_videos(capture.close())
     for name in ("first", "second"):
         [counts] = read_counts(tmp_path / name, ["cam"]).values()
@@ -330,11 +283,7 @@ def test_a_full_disk_ends_the_video_and_is_reported(tmp_path: Path, monkeypatch:
         raise InputError("cam.mp4: cannot be written (No space left on device)")
 
     monkeypatch.setattr(video_keeping.KeptVideo, "write", full)
-    keeper = VideoKeeper(tmp_path, "cam")
-    for i in range(5):
-        keeper.offer(frame(i), i * 10_000_000)
-    finished(keeper)
-    [counts] = read_counts(tmp_path, ["cam"]).values()
+    counts = finished(offered(VideoKeeper(tmp_path, "cam"), range(5)), tmp_path)
     assert (counts.written, counts.dropped, counts.finished) == (0, 5, False)
     assert "No space left" in counts.fault
     assert "was not finished" in read_counts(tmp_path, ["other"])["other"].fault
@@ -354,37 +303,28 @@ def test_a_folder_of_videos_that_a_full_disk_leaves_incomplete_is_one_line_that_
 
 
 @pytest.mark.realtime
-def test_a_session_kept_with_its_videos_can_be_tracked(
-    tmp_path: Path, demo_session: Path, models: None, capsys: pytest.CaptureFixture
-) -> None:
+def test_a_session_kept_with_its_videos_can_be_tracked(tmp_path: Path, demo_session: Path, models: None, capsys) -> None:
     sources = [part for i in range(4) for part in ("--source", f"cam0{i}=video:{demo_session}/videos/cam0{i}.mp4")]
     kept = tmp_path / "kept"
-    command = ["live", str(demo_session / "rig.toml"), *sources, "--videos", str(kept), "--duration", "3", "--json"]
-    assert main(command) == 0
-    figures = json.loads(capsys.readouterr().out)
+    found = figures(capsys, "live", demo_session / "rig.toml", *sources, "--videos", kept, "--duration", "3")
     session = find_session(kept, TrackConfig())
     assert session.rig.names == ("cam00", "cam01", "cam02", "cam03")
     assert (kept / MARK_FILE).is_file()
-    for name, counts in figures["videos"].items():
-        found = VideoConfig(kept / "videos" / f"{name}.mp4", name).build().times_ns()
-        original = VideoConfig(demo_session / "videos" / f"{name}.mp4", name).build().times_ns()
+    for name, counts in found["videos"].items():
+        times, original = (times_of(one / "videos", name) for one in (kept, demo_session))
         assert counts["how"] == "copied"
-        assert len(found) >= counts["written"] > 0
-        nearest = np.abs(original[None] - found[:, None]).min(axis=1)
-        assert nearest.max() <= 1_000
+        assert len(times) >= counts["written"] > 0
+        assert np.abs(original[None] - times[:, None]).min(axis=1).max() <= 1_000
 
 
 @pytest.mark.realtime
-def test_a_live_recording_has_its_videos_on_its_own_time_and_the_names_that_were_given(
-    tmp_path: Path, demo_session: Path
-) -> None:
+def test_a_live_recording_has_its_videos_on_its_own_time_and_the_names_given(tmp_path: Path, demo_session: Path) -> None:
     """Every detection was made in a frame, so that the video has a frame at its time."""
     pytest.importorskip("rosbags")
-    oracle = {"detector.name": "oracle", "detector.options.truth": str(demo_session / "truth" / "truth.npz")}
     videos, path = tmp_path / "videos", tmp_path / "recording.mcap"
     videos.mkdir()
     (tmp_path / "rig.toml").write_bytes((demo_session / "rig.toml").read_bytes())
-    with pf.live(demo_session / "rig.toml", [f"sim:{demo_session}"], record=path, settings=oracle) as session:
+    with pf.live(demo_session / "rig.toml", [f"sim:{demo_session}"], record=path, settings=oracle()) as session:
         [person] = next(pose for pose in session if len(pose.person_id)).person_id.tolist()
         session.keep_videos(videos)
         session.name_person(person, "Ada")
@@ -411,3 +351,17 @@ def test_counts_that_are_damaged_are_those_of_a_video_that_was_not_finished(cont
     (tmp_path / "cam00.json").write_text(content)
     [counts] = read_counts(tmp_path, ["cam00"]).values()
     assert counts.fault.startswith("was not finished") and not counts.finished
+
+
+def test_blur_is_noticed_and_a_sharp_image_is_not_blamed() -> None:
+    rng = np.random.default_rng(5)
+    image = np.full((480, 640), 90, np.uint8)
+    for _ in range(60):
+        x, y = rng.integers(0, (560, 400))
+        cv2.rectangle(image, (int(x), int(y)), (int(x) + 60, int(y) + 50), int(rng.integers(0, 255)), -1)
+    image = cv2.GaussianBlur(image, (0, 0), 0.6)
+    left = [detail_left(np.dstack([cv2.GaussianBlur(image, (0, 0), blur)] * 3)) for blur in (0.1, 1.0, 2.0, 4.0)]
+    assert left == sorted(left)
+    assert not focus_warning(np.dstack([image] * 3))
+    assert "focus" in focus_warning(np.dstack([cv2.GaussianBlur(image, (0, 0), 3.0)] * 3))
+    assert not focus_warning(np.full((480, 640, 3), 128, np.uint8))

@@ -49,6 +49,22 @@ RELIABLE = Policy.Reliability.Reliable(duration(seconds=1))
 XCDR1 = Policy.DataRepresentation(use_cdrv0_representation=True)
 
 
+def gid(sent):
+    return str(uuid.UUID(bytes=bytes(sent.data)))
+
+
+def nodes_of(infos):
+    return [
+        {
+            "participant": gid(info.gid),
+            "name": f"{one.node_namespace} {one.node_name}",
+            "writers": [*map(gid, one.writer_gid_seq)],
+        }
+        for info in infos
+        for one in info.node_entities_info_seq
+    ]
+
+
 def writers_of(publications):
     return {
         p.topic_name: {
@@ -62,15 +78,6 @@ def writers_of(publications):
     }
 
 
-def complete(writers, infos):
-    in_graph = {
-        bytes(gid.data).hex() for info in infos for node in info.node_entities_info_seq for gid in node.writer_gid_seq
-    }  # fmt: skip
-    return {"rt/tf", "rt/posefuse/pose"} <= set(writers) and {
-        uuid.UUID(writer["gid"]).hex for writer in writers.values()
-    } <= in_graph
-
-
 def look(participant):
     latched = Qos(RELIABLE, Policy.Durability.TransientLocal, Policy.History.KeepLast(100))
     tf = DataReader(participant, Topic(participant, "rt/tf", TFMessage), qos=Qos(RELIABLE))
@@ -81,21 +88,13 @@ def look(participant):
     publications = BuiltinDataReader(participant, BuiltinTopicDcpsPublication)
     known = BuiltinDataReader(participant, BuiltinTopicDcpsParticipant)
     # announcements come one after the other: complete when every topic wanted has a writer that the graph knows
-    end, infos, writers = time.monotonic() + 30, [], {}
-    while time.monotonic() < end and not complete(writers, infos):
-        infos = graph.take(100)[-1:] or infos
-        writers = writers_of(publications)
+    end, complete, nodes = time.monotonic() + 30, False, []
+    while time.monotonic() < end and not complete:
         time.sleep(0.05)
+        nodes, writers = nodes_of(graph.take(100)[-1:]) or nodes, writers_of(publications)
+        in_graph = {one for node in nodes for one in node["writers"]}
+        complete = {"rt/tf", "rt/posefuse/pose"} <= set(writers) and {one["gid"] for one in writers.values()} <= in_graph
     user_data = {str(p.key): bytes(p.qos[Policy.Userdata].data).decode() for p in known.read(100) if Policy.Userdata in p.qos}
-    nodes = [
-        {
-            "participant": bytes(info.gid.data).hex(),
-            "name": node.node_namespace + " " + node.node_name,
-            "writers": [bytes(gid.data).hex() for gid in node.writer_gid_seq],
-        }
-        for info in infos
-        for node in info.node_entities_info_seq
-    ]
     first = moving.transforms[0]
     found = {
         "writers": writers,
@@ -110,15 +109,15 @@ def look(participant):
 def shout(participant):
     topic = Topic(participant, "rt/posefuse/detections", Detections2D)
     writer = DataWriter(participant, topic, qos=Qos(RELIABLE, Policy.History.KeepLast(100), XCDR1))
-    good = Detections2D(Header(Time(5, 6), "c"), "stranger", "two", ["a", "b"], 1, [1.0, 2.0, 3.0, 4.0], [0.5, 1.0],
-                        [1.0, 1.0], [0.0, 0.0, 9.0, 9.0], [], [], [Stage("captured", Time(5, 6))], 0, 0)  # fmt: skip
-    many = Detections2D(Header(Time(5, 6), "c"), "stranger", "two", ["a", "b"], 4_000_000_000, [], [], [], [], [], [], [], 0, 0)
-    big = Detections2D(Header(Time(5, 6), "c"), "stranger", "two", ["a", "b"], 1, [0.5] * 600_000, [], [], [], [], [], [], 0, 0)
+    known = Header(Time(5, 6), "c"), "stranger", "two", ["a", "b"]
+    good = Detections2D(*known, 1, [1.0, 2.0, 3.0, 4.0], [0.5, 1.0], [1.0, 1.0], [0.0, 0.0, 9.0, 9.0], [], [],
+                        [Stage("captured", Time(5, 6))], 0, 0)  # fmt: skip
+    many = Detections2D(*known, 4_000_000_000, [], [], [], [], [], [], [], 0, 0)
+    big = Detections2D(*known, 1, [0.5] * 600_000, [], [], [], [], [], [], 0, 0)
     end = time.monotonic() + 60
     while time.monotonic() < end:
-        writer.write(good)
-        writer.write(many)
-        writer.write(big)
+        for one in (good, many, big):
+            writer.write(one)
         time.sleep(0.05)
 
 

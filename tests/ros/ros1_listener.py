@@ -22,6 +22,9 @@ tf2_ros.TransformListener(buffer)
 state, _ = hear("/humans/bodies/p1/joint_states")
 info, _ = hear("/posefuse/cam01/camera_info")
 diagnostics, checksum = hear("/diagnostics")
+markers, _ = hear("/posefuse/markers")
+skeleton, _ = hear("/humans/bodies/p1/skeleton2d")
+pose, _ = hear("/posefuse/pose")
 found = {}
 for frame in ("l_wrist_p1", "cam01_optical_frame"):
     tf = buffer.lookup_transform("world", frame, rospy.Time(0), rospy.Duration(30)).transform
@@ -33,8 +36,12 @@ print(
             "joints": dict(zip(state.name, state.position)),  # noqa: B905 the system's Python may be 3.9
             "stamp_ns": state.header.stamp.secs * 10**9 + state.header.stamp.nsecs,
             "K": list(info.K),
+            "D": list(info.D),
             "distortion_model": info.distortion_model,
-            "diagnostics": [diagnostics.status[0].level, checksum],
+            "diagnostics": [diagnostics.status[0].level, diagnostics.status[0].values[0].value, checksum],
+            "markers": markers.markers[2].text,
+            "points": len(skeleton.skeleton),
+            "pose": pose.skeleton,
             "topics": dict(rospy.get_published_topics()),
         }
     )

@@ -20,7 +20,7 @@ try:
         output.start(0)
         while True:
             output.step(pose)
-            output.diagnose(pose.t_ns, [diagnostic_status("camera cam00", 1, "slow")])
+            output.diagnose(pose.t_ns, [diagnostic_status("camera cam00", 1, "slow", {"age": "3 s"})])
             time.sleep(0.02)
 except PosefuseError as error:
     print(type(error).__name__, error)

@@ -4,6 +4,7 @@ import json
 import signal
 import sys
 import time
+from contextlib import ExitStack
 from pathlib import Path
 
 import pytest
@@ -30,10 +31,9 @@ def test_ten_thousand_messages_do_not_harm_a_running_fusion_node(demo_session: P
     rig_file = demo_session / "rig.toml"
     rig = read_rig(rig_file)
     command = [sys.executable, "-m", "posefuse.cli.main", "node", "fusion", str(rig_file), "--json"]
-    fusion = Running([*command, "--local-only", "--domain", str(DOMAIN)])
-    flooder = None
-    sent = dict.fromkeys(rig.names, 0)
-    try:
+    flooder, sent = None, dict.fromkeys(rig.names, 0)
+    with ExitStack() as running:
+        fusion = running.enter_context(Running([*command, "--local-only", "--domain", str(DOMAIN)]))
         fusion.err.wait_for("waiting for views", PATIENCE_S)
         with RosNode("cameras", Network(domain_id=DOMAIN, local_only=True)) as node:
             poses, heard = node.reader(topics.POSE), 0
@@ -51,7 +51,7 @@ def test_ten_thousand_messages_do_not_harm_a_running_fusion_node(demo_session: P
                 # under way for some seconds
                 if flooder is None and heard > 300:
                     script = str(Path(__file__).with_name("flooder.py"))
-                    flooder = Running([sys.executable, script, str(DOMAIN), str(COUNT), str(rig_file)])
+                    flooder = running.enter_context(Running([sys.executable, script, str(DOMAIN), str(COUNT), str(rig_file)]))
                 if flooder is not None and end_s is None and flooder.process.poll() is not None:
                     end_s = now_s + AFTER_S
                 assert now_s - begun_s < PATIENCE_S
@@ -59,15 +59,10 @@ def test_ten_thousand_messages_do_not_harm_a_running_fusion_node(demo_session: P
                     break
         fusion.process.send_signal(signal.SIGINT)
         out, err = fusion.finished()
-    finally:
-        for running in (fusion, flooder):
-            if running is not None:
-                running.process.kill()
     assert fusion.process.returncode == 0, err
     assert "Traceback" not in err
     figures = json.loads(out)
     refused = figures["messages"]["refused"] + sum(figures["not_used"].values()) + sum(figures["strangers"].values())
-    print(figures["messages"], figures["not_used"], figures["strangers"], {n: figures["cameras"][n]["used"] for n in sent}, sent)
     # the result of the flood was counted, and said
     assert refused > 200
     assert "floods the network" in err

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from absurd import absurd_message
 from built import camera_state
-from no_outputs import NoOutputs
+from no_outputs import KeptOutputs, NoOutputs
 
 from posefuse.core import SKELETONS, CameraHealth, Detections2D, JointCentres, LiveJointCentres, LivePose, Rig, Skeleton
 from posefuse.core.skeleton import BLAZEPOSE33
@@ -62,9 +62,8 @@ def test_another_skeleton_is_refused_counted_and_reported_once() -> None:
     for _ in range(5):
         assert not senders.admits(no_person("a", skeleton=COCO), "stranger", T0 + 1)
     (line,) = senders.news
-    assert (
-        line == "camera a: views have the skeleton coco17 (17 keypoints), this session has blazepose33 (33 keypoints): not used"
-    )
+    theirs, ours = "coco17 (17 keypoints)", "blazepose33 (33 keypoints)"
+    assert line == f"camera a: views have the skeleton {theirs}, this session has {ours}: not used"
     assert senders.refused[line] == 5
     assert senders.admits(no_person("a"), "node", T0 + 2)
     # the same name with other keypoints is another one
@@ -134,64 +133,58 @@ def test_memory_stays_bounded() -> None:
 # --- joint centres come from the node that sends the camera's views
 
 
-def centres(cameras: tuple[str, ...], table: JointCentres | None) -> LiveJointCentres:
-    return LiveJointCentres(t_ns=T0, cameras=cameras, table=table)
+def centres(cameras: str, table: JointCentres | None) -> LiveJointCentres:
+    return LiveJointCentres(t_ns=T0, cameras=tuple(cameras), table=table)
 
 
-def sample(msg: object, sender: str) -> Sample:
-    return Sample(encode(msg), 0, sender)
+def sample(what: LiveJointCentres | Detections2D, sender: str = "node") -> Sample:
+    made = message_from_joint_centres(what) if isinstance(what, LiveJointCentres) else message_from_detections(what, {})
+    return Sample(encode(made), 0, sender)
 
 
 def test_joint_centres_are_taken_from_the_sender_of_the_views() -> None:
     views = ViewIntake(("a", "b"))
     table = JointCentres(made_by="a test", offsets={"hip": {"up": 0.01}})
-    theirs = replace(table, made_by="a stranger")
-    views.centres(sample(message_from_joint_centres(centres(("a", "b"), table)), "node"))
-    views.centres(sample(message_from_joint_centres(centres(("a",), theirs)), "stranger"))
-    view = sample(message_from_detections(no_person("a"), {}), "node")
-    views.view(view, T0)
-    views.view(sample(message_from_detections(no_person("b"), {}), "node"), T0)
-    first, second = views.view(view, T0), views.view(view, T0)
-    assert first[0] == centres(("a",), table)
+    theirs = sample(centres("a", replace(table, made_by="a stranger")), "stranger")
+    views.centres(sample(centres("ab", table)))
+    views.centres(theirs)
+    for name in "ab":
+        views.view(sample(no_person(name)), T0)
+    first, second = (views.view(sample(no_person("a")), T0) for _ in range(2))
+    assert first[0] == centres("a", table)
     assert [type(one) for one in first[1:] + second] == [SeenView, SeenView]
-    assert views.centres(sample(message_from_joint_centres(centres(("a",), theirs)), "stranger")) == []
-    again = views.centres(sample(message_from_joint_centres(centres(("a", "b"), None)), "node"))
-    assert again == [centres(("a",), None)]
+    assert views.centres(theirs) == []
+    assert views.centres(sample(centres("ab", None))) == [centres("a", None)]
 
 
 # --- 10,000 messages
 
 
-def session(rig: Rig) -> tuple[Fusion, SimpleNamespace]:
+def session(rig: Rig, outlets: NoOutputs | None = None) -> tuple[Fusion, SimpleNamespace]:
     clock = SimpleNamespace(now=T0, now_ns=lambda: clock.now)
-    return Fusion(rig, warmed_up(rig, BLAZE, LiveConfig()), lambda _: None, clock, NoOutputs()), clock
+    return Fusion(rig, warmed_up(rig, BLAZE, LiveConfig()), lambda _: None, clock, outlets or NoOutputs()), clock
 
 
 class Played:
     """A session of some seconds, and between its messages those that `others(i)` gives: what came out, and what was counted."""
 
     def __init__(self, rig: Rig, time_steps: int, others=lambda i: ()) -> None:
-        self.views = ViewIntake(rig.names)
-        self.fusion, clock = session(rig)
-        self.poses = []
-        self.fusion.outlets = SimpleNamespace(offer=self._keep, poll=lambda: None, health={})
+        self.views, kept = ViewIntake(rig.names), KeptOutputs()
+        self.fusion, clock = session(rig, kept)
         for i, step in enumerate(made_up_detections(rig, BLAZE, time_steps, start_ns=T0)):
             for view in step:
                 clock.now = view.t_ns + 20_000_000
                 for strange in others(i):
                     self._feed(strange, clock.now)
                 stages = {"received": view.t_ns + 5_000_000, "started": clock.now, "detected": clock.now}
-                self._feed(sample(message_from_detections(view, stages), "node"), clock.now)
+                self._feed(Sample(encode(message_from_detections(view, stages)), 0, "node"), clock.now)
             self.fusion.tick(clock.now + 1, 10_000_000)
             self.fusion._judge(SimpleNamespace(messages=lambda: (), troubles=dict), clock.now, clock.now)
+        self.poses = kept.poses()
 
     def _feed(self, message: Sample, now_ns: int) -> None:
         for received in self.views.view(message, now_ns):
             self.fusion.take(received)
-
-    def _keep(self, message: object) -> None:
-        if isinstance(message, LivePose):
-            self.poses.append(message.pose)
 
 
 def test_what_can_wait_is_done_just_after_each_output(ring_rig) -> None:
@@ -275,12 +268,12 @@ def test_a_node_that_goes_mad_costs_its_own_cameras_not_the_session(undisturbed:
 def views_of(used_share: float) -> list[SeenView]:
     """Views of camera a over six seconds, of whose frames that share is used, as the fusion takes them from the network."""
     views, seen = ViewIntake(("a", "b")), []
-    views.view(sample(message_from_detections(no_person("a"), {}), "node"), T0)
+    views.view(sample(no_person("a")), T0)
     for i in range(1, 181):
         t_ns = T0 + i * S // 30
         counts = camera_state("a", i, int(used_share * i))
         msg = message_from_detections(no_person("a", t_ns), {"received": t_ns + 5_000_000}, counts)
-        seen += views.view(sample(msg, "node"), t_ns + 10_000_000)
+        seen += views.view(Sample(encode(msg), 0, "node"), t_ns + 10_000_000)
     return [one for one in seen if isinstance(one, SeenView)]
 
 

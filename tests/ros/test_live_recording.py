@@ -9,6 +9,8 @@ import built
 import numpy as np
 import pytest
 from checks import assert_same, refusal
+from mcap import reader
+from mcap_ros2.decoder import DecoderFactory
 
 from posefuse.cli.main import main
 from posefuse.core import (
@@ -22,7 +24,6 @@ from posefuse.core import (
     LivePreview,
     LiveStart,
     Pose3D,
-    Recording,
     Rig,
     ShapeError,
     SourceError,
@@ -41,12 +42,10 @@ from posefuse.realtime.config import LiveConfig
 from posefuse.realtime.session import notes_of
 from posefuse_ros import bags, live_recording, topics
 from posefuse_ros.bags import Recorder, read_detections, read_mcap, read_poses
-from posefuse_ros.live_recording import read as read_live_recording
 from posefuse_ros.markers import annotations_of_view
 from posefuse_ros.mcap_output import RecordConfig
 
 pytest.importorskip("rosbags", reason="the extra `ros` is not installed")
-reader = pytest.importorskip("mcap.reader")
 
 K, BEGIN_NS, PERIOD_NS = len(BLAZEPOSE33), 1_700_000_000_000_000_000, 33_366_700
 BODY = built.standing(-0.6, 0.2, skeleton=BLAZEPOSE33)
@@ -81,11 +80,7 @@ def poses_of(count: int, people: int = 1, absent: Sequence[int] = ()) -> list[Po
         t_ns, n = BEGIN_NS + i * 10_000_000, 0 if i in absent else people
         xyz = np.stack([body(t_ns - 40_000_000) + j * OTHER for j in range(n)]) if n else np.zeros((0, K, 3))
         cov = np.einsum("nkij,nklj->nkil", *[rng.normal(size=(n, K, 3, 3)) * 0.01] * 2)
-        known = {
-            "reproj_px": rng.normal(size=(n, K)) ** 2,
-            "n_views": rng.integers(2, 5, (n, K)),
-            "kind": rng.integers(1, 5, (n, K)),
-        }
+        known = {"reproj_px": rng.normal(size=(n, K)) ** 2, **{name: rng.integers(2, 5, (n, K)) for name in ("n_views", "kind")}}
         cov = (cov + cov.swapaxes(-1, -2)) / 2
         made.append(built.pose(xyz, np.arange(n) + 4, t_ns, skeleton=BLAZEPOSE33, cov=cov, **known))
     return made
@@ -144,7 +139,7 @@ def test_reading_is_lossless(tmp_path: Path, rig: Rig) -> None:
 @pytest.mark.parametrize("lost", [0.0, 0.15])
 def test_exact_views_of_unsynchronised_cameras_solve_to_the_truth(tmp_path: Path, rig: Rig, lost: float) -> None:
     record(tmp_path / "a.mcap", rig, frames_of(rig, 60, lost), poses_of(200))
-    live = read_live_recording(tmp_path / "a.mcap")
+    live = live_recording.read(tmp_path / "a.mcap")
     solved = solve_again(live)
     assert np.median(np.diff(solved.poses.t_ns)) == pytest.approx(PERIOD_NS, rel=1e-4)
     true = np.stack([body(t_ns + live.provenance["start_ns"]) for t_ns in solved.poses.t_ns.tolist()])
@@ -163,7 +158,7 @@ def test_every_detection_finds_its_person(tmp_path: Path, rig: Rig) -> None:
     frames = frames_of(rig, 10, people=2)
     stray = replace(frames[0], xy_img=frames[0].xy_img * 0 + 5, t_ns=frames[0].t_ns + 1)
     record(tmp_path / "a.mcap", rig, [*frames, stray], poses_of(40, people=2))
-    found = read_live_recording(tmp_path / "a.mcap")
+    found = live_recording.read(tmp_path / "a.mcap")
     log = found.observations
     for i in range(len(log.frame_t_ns)):
         seen, people = log.detections(i), log.person_id[log.frame_begin[i] : log.frame_begin[i + 1]]
@@ -181,7 +176,7 @@ def test_every_detection_finds_its_person(tmp_path: Path, rig: Rig) -> None:
 def test_a_file_that_was_cut_off_or_damaged_is_read_up_to_there_with_one_warning(tmp_path: Path, rig: Rig, damage: str) -> None:
     """A bad sector in the last minute must not cost the hour before it."""
     record(tmp_path / "a.mcap", rig, frames_of(rig, 150), poses_of(500))
-    whole = read_live_recording(tmp_path / "a.mcap", pytest.fail)
+    whole = live_recording.read(tmp_path / "a.mcap", pytest.fail)
     raw = bytearray((tmp_path / "a.mcap").read_bytes())
     if "cut" in damage:
         del raw[len(raw) * 6 // 10 :]
@@ -193,7 +188,7 @@ def test_a_file_that_was_cut_off_or_damaged_is_read_up_to_there_with_one_warning
         raw[place : place + 64] = bytes(64)
     (tmp_path / "b.mcap").write_bytes(raw)
     lines: list[str] = []
-    found = read_live_recording(tmp_path / "b.mcap", lines.append)
+    found = live_recording.read(tmp_path / "b.mcap", lines.append)
     [line] = lines
     assert f"b.mcap: {damage}" in line and ("what follows in this part is missing" in line) == ("byte" in damage)
     assert 0 < len(found.poses) < len(whole.poses)
@@ -203,45 +198,47 @@ def test_a_file_that_was_cut_off_or_damaged_is_read_up_to_there_with_one_warning
     # before the first pose there is nothing to keep
     raw[:8] = bytes(8)
     (tmp_path / "b.mcap").write_bytes(raw)
-    refusal(SourceError, r"b\.mcap: ", read_live_recording, tmp_path / "b.mcap", lines.append)
+    refusal(SourceError, r"b\.mcap: ", live_recording.read, tmp_path / "b.mcap", lines.append)
 
 
 def test_parts_are_joined_in_order_without_overlap(tmp_path: Path, rig: Rig) -> None:
     frames, poses = frames_of(rig, 12), poses_of(40)
     record(tmp_path / "whole.mcap", rig, frames, poses)
     record(tmp_path / "a.mcap", rig, frames[:20], poses[:15])
-    record(tmp_path / "a.mcap", rig, frames[18:30], poses[14:25], part=2)
-    (tmp_path / "a.2.mcap").rename(tmp_path / "a.10.mcap")
-    record(tmp_path / "a.mcap", rig, frames[30:], poses[25:], part=2)
-    (tmp_path / "a.2.mcap").rename(tmp_path / "a.11.mcap")
+
+    def record_part(number: int, *seen: Sequence, config: LiveConfig = CONFIG) -> None:
+        record(tmp_path / "later.mcap", rig, *seen, config, part=2)
+        (tmp_path / "later.2.mcap").rename(tmp_path / f"a.{number}.mcap")
+
+    record_part(10, frames[18:30], poses[14:25])
+    record_part(11, frames[30:], poses[25:])
     (tmp_path / "a.12.mcap").write_bytes(b"")
     lines: list[str] = []
-    whole, joined = (read_live_recording(tmp_path / f"{name}.mcap", lines.append) for name in ("whole", "a"))
+    whole, joined = (live_recording.read(tmp_path / f"{name}.mcap", lines.append) for name in ("whole", "a"))
     assert [line.split(":")[0] for line in lines] == [str(tmp_path / "a.12.mcap")]
     np.testing.assert_array_equal(whole.poses.xyz_world, joined.poses.xyz_world)
     times = [np.sort(one.observations.frame_t_ns) for one in (whole, joined)]
     np.testing.assert_array_equal(*times)
-    record(tmp_path / "other.mcap", rig, frames, poses, replace(CONFIG, rate_hz=50.0), part=2)
-    (tmp_path / "other.2.mcap").rename(tmp_path / "a.13.mcap")
-    refusal(InputError, r"a\.13\.mcap: is a part of another session", read_live_recording, tmp_path / "a.mcap", lines.append)
+    record_part(13, frames, poses, config=replace(CONFIG, rate_hz=50.0))
+    refusal(InputError, r"a\.13\.mcap: is a part of another session", live_recording.read, tmp_path / "a.mcap", lines.append)
 
 
 def test_a_session_of_its_own_with_the_name_of_a_part_is_none(tmp_path: Path, rig: Rig) -> None:
     frames, poses = frames_of(rig, 24), poses_of(60)
     record(tmp_path / "a.mcap", rig, frames[:20], poses[:15])
-    alone = read_live_recording(tmp_path / "a.mcap", pytest.fail)
+    alone = live_recording.read(tmp_path / "a.mcap", pytest.fail)
     record(tmp_path / "a.2.mcap", rig, frames[40:], poses[30:])
-    first = read_live_recording(tmp_path / "a.mcap", pytest.fail)
+    first = live_recording.read(tmp_path / "a.mcap", pytest.fail)
     assert first.provenance["parts"] == ["a.mcap"]
     assert_same(first.poses, alone.poses)
-    assert len(read_live_recording(tmp_path / "a.2.mcap", pytest.fail).poses) == 30
+    assert len(live_recording.read(tmp_path / "a.2.mcap", pytest.fail).poses) == 30
 
 
 def test_the_table_of_joint_centres_is_that_of_the_session(tmp_path: Path, rig: Rig) -> None:
     table = read_joint_centres(read_card("blazepose_full").joint_centres_file)
     centres = LiveJointCentres(t_ns=BEGIN_NS, cameras=rig.names[2:], table=table)
     record(tmp_path / "a.mcap", rig, frames_of(rig, 12), poses_of(40), LiveConfig(), first=[centres])
-    found = read_live_recording(tmp_path / "a.mcap")
+    found = live_recording.read(tmp_path / "a.mcap")
     assert found.provenance["joint_centres"] == asdict(table)
     moved = solve_again(found).poses.xyz_world
     plain = solve_again(found, replace(TrackConfig(), joint_centres=False)).poses.xyz_world
@@ -253,7 +250,7 @@ def test_names_given_in_the_session_are_those_of_the_recording(tmp_path: Path, r
     given = ({0: "Eva"}, {0: "Eva", 4: 'Äda "x"', 900: "late"}, {0: "", 4: "Ada", 900: "late"})
     named = [LiveNames(t_ns=BEGIN_NS, names=names) for names in given]
     record(tmp_path / "a.mcap", rig, [], poses_of(3), LiveConfig(names=("first", "second")), first=named)
-    found = read_live_recording(tmp_path / "a.mcap", lines.append)
+    found = live_recording.read(tmp_path / "a.mcap", lines.append)
     assert list(found.provenance["config"]["names"]) == ["person 0", "second", "person 2", "person 3", "Ada"]
     assert found.person_names == ("Ada",)
     assert len(lines) == 1 and "900" in lines[0]
@@ -299,9 +296,7 @@ def test_each_time_step_has_the_nearest_frame_and_no_frame_is_at_two(rig: Rig) -
 def test_commands_take_a_live_recording(tmp_path: Path, rig: Rig, capsys: pytest.CaptureFixture) -> None:
     record(tmp_path / "a.mcap", rig, frames_of(rig, 40), poses_of(130))
     assert main(["solve", str(tmp_path / "a.mcap"), "--out", str(tmp_path / "r"), "--outputs", "trc"]) == 0
-    result = read_result(tmp_path / "r")
-    assert isinstance(result, Recording)
-    assert result.provenance["second_solve"]
+    assert read_result(tmp_path / "r").provenance["second_solve"]
     assert (tmp_path / "r" / "pose.trc").is_file()
     assert main(["report", str(tmp_path / "a.mcap"), "--fit", "none"]) == 0
     assert (tmp_path / "a_biomechanics" / "report.html").is_file()
@@ -333,7 +328,6 @@ def test_a_section_is_solved_as_from_the_whole_file_without_decoding_the_rest(
 
 
 MESSAGES = list(made_up_messages())
-T0 = 1_700_000_000_000_000_000
 
 
 def recorded(path: Path, *, images: bool) -> tuple[Path, list]:
@@ -346,36 +340,28 @@ def recorded(path: Path, *, images: bool) -> tuple[Path, list]:
         output.take(message)
     pose = next(message for message in MESSAGES if isinstance(message, LivePose) and len(message.pose.person_id) == 2)
     for i in range(100):
-        output.take(replace(pose, pose=replace(pose.pose, t_ns=T0 + i * 10_000_000)))
+        output.take(replace(pose, pose=replace(pose.pose, t_ns=BEGIN_NS + i * 10_000_000)))
     output.close()
     output.close()
     return path, given
 
 
 def test_people_are_drawn_by_two_readers_unasked(tmp_path: Path) -> None:
-    from mcap.reader import make_reader
-    from mcap_ros2.decoder import DecoderFactory
-
     path, given = recorded(tmp_path / "a.mcap", images=True)
     count = Counter(one.topic for one in read_mcap(path))
     with path.open("rb") as file:
-        assert count == Counter(
-            channel.topic for _, channel, _, _ in make_reader(file, decoder_factories=[DecoderFactory()]).iter_decoded_messages()
-        )
+        theirs = reader.make_reader(file, decoder_factories=[DecoderFactory()]).iter_decoded_messages()
+        assert count == Counter(channel.topic for _, channel, _, _ in theirs)
     assert {"/tf", "/tf_static", "/posefuse/markers", "/posefuse/cameras", "/diagnostics", "/humans/bodies/tracked"} <= set(count)
     poses = sum(isinstance(message, LivePose) for message in given) + 100
     assert count["/posefuse/pose"] == poses == len(list(read_poses(path)))
     assert len(list(read_detections(path))) == sum(isinstance(message, LiveDetections) for message in given)
     assert count["/posefuse/markers"] == pytest.approx(30, abs=4)
     assert count["/posefuse/markers"] < 40 and not any(name.endswith(("/pose_with_covariance", "/twist")) for name in count)
-    previews = [message for message in given if isinstance(message, LivePreview)]
-    for preview in previews:
-        assert count[topics.preview(preview.camera).name] and count[topics.preview_info(preview.camera).name]
-    assert previews
-
-
-def test_images_are_recorded_on_request_only(tmp_path: Path) -> None:
-    path, _ = recorded(tmp_path / "a.mcap", images=False)
+    cameras = {message.camera for message in given if isinstance(message, LivePreview)}
+    assert cameras and all(count[topic(camera).name] for camera in cameras for topic in (topics.preview, topics.preview_info))
+    # on request only
+    path, _ = recorded(tmp_path / "b.mcap", images=False)
     assert LivePreview not in RecordConfig(path=path).takes
     assert not any("preview" in one.topic for one in read_mcap(path))
 

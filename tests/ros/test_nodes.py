@@ -9,25 +9,21 @@ from collections.abc import Callable
 from contextlib import closing
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import built
 import numpy as np
 import pytest
-from live_session import until
+from checks import refusal
+from live_session import FAULTY, until
 from no_outputs import KeptOutputs, StillPerson
 from own_domain import own_domain
 from running import Running
 
 pytest.importorskip("cyclonedds")
 
-from posefuse.core import (
-    SKELETONS,
-    Detections2D,
-    JointCentres,
-    LiveJointCentres,
-    LiveStart,
-    SourceError,
-)
+from posefuse.core import JointCentres, LiveJointCentres, LiveStart, Rig, SourceError
+from posefuse.core.skeleton import COCO17
 from posefuse.realtime.config import LiveConfig
 from posefuse.realtime.estimator import Centring, Estimator
 from posefuse.realtime.fusion import Fusion
@@ -38,13 +34,7 @@ from posefuse_ros.camera_messages import info_from_camera, message_from_joint_ce
 from posefuse_ros.dds import RosNode
 from posefuse_ros.dds_domain import Network
 from posefuse_ros.live_output import Ros2Config
-from posefuse_ros.messages import (
-    DETECTIONS_TYPE,
-    POSE_TYPE,
-    detections_from_message,
-    message_from_detections,
-    pose_from_message,
-)
+from posefuse_ros.messages import DETECTIONS_TYPE, POSE_TYPE, detections_from_message, message_from_detections, pose_from_message
 from posefuse_ros.network_views import NetworkViews
 from posefuse_ros.nodes import CameraNode
 from posefuse_ros.types import Intake
@@ -55,11 +45,10 @@ NETWORK = Network(domain_id=DOMAIN, local_only=True)
 PATIENCE_S = 120.0
 # all nodes show their videos from then on
 ZERO_S = time.time()
-FAULTY = [sys.executable, str(Path(__file__).resolve().parents[2] / "bench" / "faulty_live.py")]
 
 
 def node(part: str, session: Path, *options: str) -> Running:
-    command = [*FAULTY, "--zero", str(ZERO_S), "--", "node", part, str(session / "rig.toml"), "--json"]
+    command = [sys.executable, str(FAULTY), "--zero", str(ZERO_S), "--", "node", part, str(session / "rig.toml"), "--json"]
     command += ["--local-only", "--domain", str(DOMAIN), *options]
     return Running(command)
 
@@ -107,80 +96,44 @@ def test_two_camera_nodes_and_a_fusion_node_make_poses(demo_session: Path) -> No
     assert all(count > 20 for one in sent for count in one["sent"].values())
 
 
+def intake_of(rig: Rig, network: Network = NETWORK) -> NetworkViews:
+    return NetworkViews(rig, network, SessionClock.begin(), LiveConfig())
+
+
+def send_views(node: RosNode, *views: tuple[str, int, float]) -> None:
+    """Of (camera, number of people, score)."""
+    for camera, people, score in views:
+        view = built.detections(camera, np.ones((people, len(COCO17), 2)), time.time_ns(), score=score)
+        node.publish(topics.DETECTIONS, message_from_detections(view, {}), view.t_ns)
+    time.sleep(0.05)
+
+
 def test_strangers_are_counted_and_never_handed_on(ring_rig) -> None:
-    skeleton = SKELETONS["coco17"]
-    network = Network(domain_id=DOMAIN + 1, local_only=True)
-    intake = NetworkViews(ring_rig(2), network, SessionClock.begin(), LiveConfig())
-    counts, strangers = intake.views.intake.counts, intake.views.senders.strangers
-    with closing(intake):
-        with RosNode("stranger", network) as stranger:
-            offsets = JointCentres(made_by="a test", offsets={"hip": {"up": 0.01}})
-            table = LiveJointCentres(t_ns=time.time_ns(), cameras=("cam00",), table=offsets)
-            stranger.publish(topics.JOINT_CENTRES, message_from_joint_centres(table), table.t_ns)
-            writer = stranger.writer(topics.DETECTIONS)
-            end = time.monotonic() + 20
-            while not (counts.refused and strangers and sum(strangers.values()) > 30) and time.monotonic() < end:
-                for camera in ("cam00", "elsewhere"):
-                    view = Detections2D.empty(camera, time.time_ns(), skeleton)
-                    stranger.publish(topics.DETECTIONS, message_from_detections(view, {}), view.t_ns)
-                broken = built.detections("cam01", np.ones((1, 17, 2)), time.time_ns(), score=7.0)
-                stranger.publish(topics.DETECTIONS, message_from_detections(broken, {}), broken.t_ns)
-                time.sleep(0.05)
-            assert writer.readers() > 0
+    network = replace(NETWORK, domain_id=DOMAIN + 1)
+    intake, offsets = intake_of(ring_rig(2), network), JointCentres(made_by="a test", offsets={"hip": {"up": 0.01}})
+    table = LiveJointCentres(t_ns=time.time_ns(), cameras=("cam00",), table=offsets)
+    counts, senders = intake.views.intake.counts, intake.views.senders
+    with closing(intake), RosNode("stranger", network) as stranger:
+        stranger.publish(topics.JOINT_CENTRES, message_from_joint_centres(table), table.t_ns)
+        until(
+            lambda: counts.refused and sum(senders.strangers.values()) > 30,
+            lambda: send_views(stranger, ("cam00", 0, 0.0), ("elsewhere", 0, 0.0), ("cam01", 1, 7.0)),
+        )
         assert intake._chosen.wait(1.0)
-        known_skeleton = intake.views.senders.skeleton
         got = [*intake.messages()]
-    assert "elsewhere" in strangers
-    assert "scores in 0..1" in counts.last_refusal
-    assert known_skeleton == skeleton
+    assert "elsewhere" in senders.strangers and "scores in 0..1" in counts.last_refusal
+    assert senders.skeleton == COCO17
     assert [message for message in got if isinstance(message, LiveJointCentres)] == [table]
     assert {seen.detections.camera for seen in got if isinstance(seen, SeenView)} == {"cam00"}
 
 
-def test_cameras_of_another_machine_look_for_people_who_are_not_sure_enough_to_be_shown(ring_rig) -> None:
-    rig, clock, skeleton = ring_rig(3), SessionClock.begin(), SKELETONS["coco17"]
-    where = {"domain_id": DOMAIN + 2, "local_only": True}
-    output, groups = Ros2Config(**where).build(), NoGroups()
-    output.take(LiveStart(t_ns=clock.now_ns(), rig=rig, rate_hz=100.0, clock_offset_ns=0))
-    outlets, unsure = KeptOutputs(output), StillPerson(np.ones((len(skeleton), 3)), skeleton, sigma_m=0.5)
-    fusion = Fusion(rig, Estimator(unsure, Centring(rig.names, False)), lambda _: None, clock, outlets)
-    with RosNode("camera", Network(**where)) as node:
-        cameras = CameraNode(rig, rig.names, node, clock, skeleton)
-        until(lambda: groups.expected, lambda: (fusion.tick(clock.now_ns(), 10_000_000), cameras.step(groups)))
-    output.close()
-    assert all(len(pose.person_id) == 0 for pose in outlets.poses())
-    assert np.allclose(groups.expected[-1].xyz_world, 1.0)
-
-
-class NoGroups:
-    def __init__(self) -> None:
-        self.expected: list = []
-
-    def expect(self, expected) -> None:
-        self.expected.append(expected)
-
-    def channels(self) -> list:
-        return []
-
-    def messages(self) -> list:
-        return []
-
-    def troubles(self) -> dict:
-        return {}
-
-
 def test_a_second_participant_does_not_get_a_camera_while_the_first_pauses(ring_rig) -> None:
-    skeleton, network = SKELETONS["coco17"], Network(domain_id=DOMAIN + 2, local_only=True)
-    intake = NetworkViews(ring_rig(2), network, SessionClock.begin(), LiveConfig())
+    network = replace(NETWORK, domain_id=DOMAIN + 2)
+    intake = intake_of(ring_rig(2), network)
     senders = intake.views.senders
 
     def send(node: RosNode, wanted: Callable[[], bool]) -> None:
-        def view_of_no_person() -> None:
-            view = Detections2D.empty("cam00", time.time_ns(), skeleton)
-            node.publish(topics.DETECTIONS, message_from_detections(view, {}), view.t_ns)
-            time.sleep(0.05)
-
-        until(wanted, view_of_no_person)
+        until(wanted, lambda: send_views(node, ("cam00", 0, 0.0)))
 
     with closing(intake), RosNode("second", network) as second:
         with RosNode("first", network) as first:
@@ -191,6 +144,22 @@ def test_a_second_participant_does_not_get_a_camera_while_the_first_pauses(ring_
             assert senders.sender("cam00") == name
         # the first one has left the network
         send(second, lambda: senders.sender("cam00") not in ("", None, name))
+
+
+def test_cameras_of_another_machine_look_for_people_who_are_not_sure_enough_to_be_shown(ring_rig) -> None:
+    rig, clock, expected = ring_rig(3), SessionClock.begin(), []
+    where = {"domain_id": DOMAIN + 2, "local_only": True}
+    output = Ros2Config(**where).build()
+    groups = SimpleNamespace(expect=expected.append, channels=list, messages=list, troubles=dict)
+    output.take(LiveStart(t_ns=clock.now_ns(), rig=rig, rate_hz=100.0, clock_offset_ns=0))
+    outlets, unsure = KeptOutputs(output), StillPerson(np.ones((len(COCO17), 3)), COCO17, sigma_m=0.5)
+    fusion = Fusion(rig, Estimator(unsure, Centring(rig.names, False)), lambda _: None, clock, outlets)
+    with RosNode("camera", Network(**where)) as node:
+        cameras = CameraNode(rig, rig.names, node, clock, COCO17)
+        until(lambda: expected, lambda: (fusion.tick(clock.now_ns(), 10_000_000), cameras.step(groups)))
+    output.close()
+    assert all(len(pose.person_id) == 0 for pose in outlets.poses())
+    assert np.allclose(expected[-1].xyz_world, 1.0)
 
 
 # --- intrinsics that camera nodes send to the fusion node
@@ -224,13 +193,13 @@ def test_a_camera_that_no_node_sends_is_named(ring_rig):
     rig = ring_rig(2)
     with RosNode("cameras_a", NETWORK) as a:
         publish_intrinsics(a, rig, ["cam00"], 0)
-        with pytest.raises(SourceError, match=r"intrinsics of cam01 were not received from any camera node within 1 s"):
-            rig_of_nodes(rig, NETWORK, lambda line: None, 1.0)
+        missing = "intrinsics of cam01 were not received from any camera node within 1 s"
+        refusal(SourceError, missing, rig_of_nodes, rig, NETWORK, lambda line: None, 1.0)
 
 
 def test_a_node_with_other_intrinsics_is_reported(ring_rig):
     rig = ring_rig(2)
-    intake, found = NetworkViews(rig, NETWORK, SessionClock.begin(), LiveConfig()), []
+    intake, found = intake_of(rig), []
     with closing(intake), RosNode("cameras_a", NETWORK) as a:
         publish_intrinsics(a, longer(rig, 1.05), ["cam01"], 0)
         publish_intrinsics(a, rig, ["cam00"], 0)
@@ -239,7 +208,7 @@ def test_a_node_with_other_intrinsics_is_reported(ring_rig):
 
 
 def test_a_network_that_cannot_be_read_for_a_while_is_reported_once_and_read_again(ring_rig, monkeypatch):
-    intake, rig = NetworkViews(ring_rig(2), NETWORK, SessionClock.begin(), LiveConfig()), ring_rig(2)
+    intake, rig = intake_of(ring_rig(2)), ring_rig(2)
     # each kind is reported once, whatever its words are
     failures = iter([SourceError("no buffer space"), ValueError("no buffer space"), SourceError("no route"), ValueError("none")])
     hand_on = NetworkViews._hand_on

@@ -2,7 +2,6 @@
 
 import dataclasses
 import xml.etree.ElementTree as ET
-from itertools import pairwise
 
 import built
 import numpy as np
@@ -46,6 +45,12 @@ def parts_of(pose: Pose3D) -> tuple[SE3, np.ndarray]:
     return parts, covariance_of_parts(pose, parts)
 
 
+def lacking(pose: Pose3D, *keypoints: str) -> Pose3D:
+    xyz, cov = pose.xyz_world.copy(), pose.cov_world.copy()
+    xyz[0, BLAZE.indices(keypoints)], cov[0, BLAZE.indices(keypoints)] = np.nan, np.nan
+    return dataclasses.replace(pose, xyz_world=xyz, cov_world=cov)
+
+
 def test_axes_are_those_of_the_body_in_the_zero_position():
     parts, _ = parts_of(person())
     for name in ("head", "left_hand", "right_hand"):
@@ -86,9 +91,7 @@ def test_the_covariance_is_what_noise_of_the_keypoints_does():
 
 def test_a_part_that_is_not_seen_is_nan_and_the_others_are_there():
     pose = person()
-    xyz = pose.xyz_world.copy()
-    xyz[0, BLAZE.index("left_pinky")] = np.nan
-    parts, cov = parts_of(dataclasses.replace(pose, xyz_world=xyz))
+    parts, cov = parts_of(lacking(pose, "left_pinky"))
     known = np.isfinite(parts.xyz[0]).all(axis=-1)
     assert [name for name, there in zip(PARTS, known, strict=True) if not there] == ["left_hand"]
     assert np.isfinite(cov[0][known]).all() and np.isnan(cov[0][~known]).all()
@@ -101,11 +104,7 @@ def test_a_covariance_is_known_where_a_point_that_the_part_does_not_depend_on_is
     """Rounding makes no dependence: it did for poses that are turned in the world."""
     rng = np.random.default_rng(3)
     for _ in range(20):
-        pose = person(rng, 0.02)
-        xyz, cov = pose.xyz_world.copy(), pose.cov_world.copy()
-        gone = [BLAZE.index(name) for name in ("left_ear", "left_knee", "right_ankle")]
-        xyz[0, gone], cov[0, gone] = np.nan, np.nan
-        assert np.isfinite(parts_of(dataclasses.replace(pose, xyz_world=xyz, cov_world=cov))[1][0, 1:]).all()
+        assert np.isfinite(parts_of(lacking(person(rng, 0.02), "left_ear", "left_knee", "right_ankle"))[1][0, 1:]).all()
 
 
 def test_links_made_alone_are_those_of_the_whole_body_to_the_last_bit():
@@ -161,7 +160,7 @@ def test_angles_take_the_shorter_path_and_gaps_and_new_people_start_again():
 def test_parts_are_published_in_the_world(kept):
     output = RosOutput(kept)
     for i in range(3):
-        output.step(dataclasses.replace(person(), t_ns=5 * S + i * S // 100))
+        output.step(person(t_ns=5 * S + i * S // 100))
     pose, cov = kept.on("/humans/bodies/p1/left_hand/pose")[0], kept.on("/humans/bodies/p1/left_hand/pose_with_covariance")[0]
     assert pose.header.frame_id == "world" and pose.pose.position.x == pytest.approx(0.65)
     assert cov.pose.covariance[0] == pytest.approx(0.5e-4, rel=1e-3)
@@ -200,10 +199,13 @@ def world_from_links(text: str, state: dict[str, float]) -> dict[str, np.ndarray
 def test_the_model_with_the_joint_states_stands_where_the_person_was_seen():
     pose = person()
     xyz = pose.xyz_world.copy()
-    xyz[0, BLAZE.index("left_elbow")] = [0.1, 0.2 + 0.2, 1.4 - 0.2]
-    xyz[0, BLAZE.index("left_wrist")] = [0.3, 0.3, 1.3]
-    xyz[0, BLAZE.index("right_knee")] = [0.3, -0.15, 0.7]
-    xyz[0, BLAZE.index("right_ankle")] = [0.1, -0.15, 0.35]
+    bent = {
+        "left_elbow": [0.1, 0.4, 1.2],
+        "left_wrist": [0.3, 0.3, 1.3],
+        "right_knee": [0.3, -0.15, 0.7],
+        "right_ankle": [0.1, -0.15, 0.35],
+    }
+    xyz[0, BLAZE.indices(bent)] = list(bent.values())
     points = xyz[:, [BLAZE.index(name) for name in POINTS]]
     # sides that differ would not meet: a model has the mean of both
     lengths = sizes_from_points(points)
@@ -224,21 +226,20 @@ def test_the_model_with_the_joint_states_stands_where_the_person_was_seen():
 def test_a_model_comes_once_the_person_is_known_and_again_when_lengths_change(kept):
     output, topic = RosOutput(kept), "/humans/bodies/p1/urdf"
     for i in range(100):
-        output.step(dataclasses.replace(person(np.random.default_rng(i), 0.005), t_ns=5 * S + i * S // 100))
+        output.step(person(np.random.default_rng(i), 0.005, t_ns=5 * S + i * S // 100))
     (first,) = kept.on(topic)
     assert 'xyz="0 0 -0.3' in first.data.replace("0.0000", "0") and topics.body("p1", "urdf").latched
-    longer = SE3.identity()
     for i in range(200):
-        pose = person(moved=longer, t_ns=7 * S + i * S // 100)
+        pose = person(t_ns=7 * S + i * S // 100)
         output.step(dataclasses.replace(pose, xyz_world=1.2 * pose.xyz_world))
     assert len(kept.on(topic)) > 1
 
 
-def turned(axis, angle):
-    return Rotation.from_rotvec(np.asarray(axis, float) * angle).as_matrix()
-
-
 X, Y, Z = np.eye(3)
+
+
+def turned(axis, angle):
+    return Rotation.from_rotvec(axis * angle).as_matrix()
 
 
 def joint(bodies, name, n=0):
@@ -274,11 +275,16 @@ def test_signs_of_the_reference_urdf(standing):
         assert joint(bodies, name) == pytest.approx(value, abs=1e-6), name
 
 
+def anywhere(some_pose, seed):
+    """Three people whose keypoints are all seen, anywhere."""
+    pose = some_pose(people=3, seed=seed)
+    return dataclasses.replace(pose, xyz_world=np.random.default_rng(seed).normal(size=pose.xyz_world.shape))
+
+
 @pytest.mark.parametrize("seed", range(20))
 def test_the_urdf_chain_points_limbs_where_they_were_seen(some_pose, seed):
     """Forward kinematics with the joint axes of `human_description`, against the input."""
-    pose = some_pose(people=3, seed=seed)
-    pose = dataclasses.replace(pose, xyz_world=np.random.default_rng(seed).normal(size=pose.xyz_world.shape))
+    pose = anywhere(some_pose, seed)
     bodies = bodies_from_pose(pose)
     for n in range(3):
         body, q = link(bodies, "body", n).matrix(), dict(zip(JOINTS, bodies.position_rad[n].tolist(), strict=True))
@@ -303,8 +309,7 @@ def test_the_urdf_chain_points_limbs_where_they_were_seen(some_pose, seed):
 
 
 def test_moving_the_world_moves_the_links_and_leaves_the_joints(some_pose):
-    pose = some_pose(people=3, seed=4)
-    pose = dataclasses.replace(pose, xyz_world=np.random.default_rng(4).normal(size=pose.xyz_world.shape))
+    pose = anywhere(some_pose, 4)
     new_from_old = SE3.from_rotvec([0.3, -0.8, 0.5], [1.0, 2, 3])
     before, after = bodies_from_pose(pose), bodies_from_pose(dataclasses.replace(pose, xyz_world=new_from_old @ pose.xyz_world))
     np.testing.assert_allclose(after.position_rad, before.position_rad, atol=1e-8)
@@ -317,10 +322,8 @@ def test_a_limb_going_straight_never_jumps(standing):
         wrist = (0.25 * np.sin(bend), 0.2 + sideways, 1.1 - 0.25 * np.cos(bend))
         return link(bodies_from_pose(standing(left_wrist=wrist)), "l_shoulder").matrix()
 
-    bends = np.linspace(-0.6, 0.6, 400)
-    frames = [frame(b, 0.01) for b in bends if b > 0]
-    steps = [np.linalg.norm(a - b) for a, b in pairwise(frames)]
-    assert max(steps) < 0.1
+    frames = np.array([frame(bend, 0.01) for bend in np.linspace(0.0015, 0.6, 200)])
+    assert np.linalg.norm(np.diff(frames, axis=0), axis=(1, 2)).max() < 0.1
     # a hair sideways of straight is noise, not a plane
     assert np.linalg.norm(frame(0.0, 1e-4) - frame(0.0, -1e-4)) < 0.02
 

@@ -26,10 +26,8 @@ class FakeNode:
         self.publishers, self.subscriptions, self.destroyed = {}, {}, []
 
     def create_publisher(self, kind, name, profile):
-        sent = []
-        made = SimpleNamespace(kind=kind, profile=profile, sent=sent, readers=1)
-        made.publish = sent.append
-        made.get_subscription_count = lambda: made.readers
+        made = SimpleNamespace(kind=kind, profile=profile, sent=[], readers=1, get_subscription_count=lambda: made.readers)
+        made.publish = made.sent.append
         self.publishers[name] = made
         return made
 
@@ -46,20 +44,10 @@ class FakeNode:
 
 @pytest.fixture
 def fake(monkeypatch):
-    node, stop = FakeNode(), threading.Event()
+    node, stop, added = FakeNode(), threading.Event(), []
 
-    class Executor:
-        def __init__(self, *, context):
-            pass
-
-        def add_node(self, given):
-            assert given is node
-
-        def spin(self):
-            stop.wait(20)
-
-        def shutdown(self):
-            stop.set()
+    def executor(*, context):
+        return SimpleNamespace(add_node=added.append, spin=lambda: added == [node] and stop.wait(20), shutdown=stop.set)
 
     def get_message(name):
         if name.split("/")[0] not in INSTALLED:
@@ -74,14 +62,14 @@ def fake(monkeypatch):
     started = {}
     module("rclpy", Context=lambda: SimpleNamespace(try_shutdown=stop.set), init=lambda **how: started.update(how),
            create_node=lambda name, *, context: node)  # fmt: skip
-    module("rclpy.executors", SingleThreadedExecutor=Executor)
+    module("rclpy.executors", SingleThreadedExecutor=executor)
     module("rclpy.qos", QoSProfile=lambda **fields: SimpleNamespace(**fields),
            ReliabilityPolicy=SimpleNamespace(RELIABLE="reliable", BEST_EFFORT="best effort"),
            DurabilityPolicy=SimpleNamespace(TRANSIENT_LOCAL="latched", VOLATILE="volatile"))  # fmt: skip
     module("rosidl_runtime_py")
     module("rosidl_runtime_py.utilities", get_message=get_message)
     monkeypatch.setenv("AMENT_PREFIX_PATH", "/opt/ros/jazzy")
-    return SimpleNamespace(node=node, started=started, stop=stop)
+    return SimpleNamespace(node=node, started=started, stop=stop, added=added)
 
 
 def test_what_is_published_are_the_bytes_of_ros_2(fake, standing, ring_rig):
@@ -101,7 +89,9 @@ def test_what_is_published_are_the_bytes_of_ros_2(fake, standing, ring_rig):
         node.forget("/tf")
         assert fake.node.destroyed == [tf]
     node.close()
-    assert fake.started["domain_id"] == 7 and fake.stop.is_set() and fake.node in fake.node.destroyed
+    assert (
+        fake.added == [fake.node] and fake.started["domain_id"] == 7 and fake.stop.is_set() and fake.node in fake.node.destroyed
+    )
 
 
 def test_what_comes_in_is_read_as_from_dds(fake, standing):

@@ -9,6 +9,7 @@ import time
 from collections.abc import Iterator
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
+from unittest.mock import Mock
 
 import cv2
 import numpy as np
@@ -30,9 +31,7 @@ class Camera(BaseHTTPRequestHandler):
             image = np.full((48, 64, 3), 5 * i, np.uint8)
             data = cv2.imencode(".jpg", image)[1].tobytes()
             try:
-                self.wfile.write(
-                    b"--frame\r\nContent-Type: image/jpeg\r\nContent-Length: %d\r\n\r\n" % len(data) + data + b"\r\n"
-                )
+                self.wfile.write(b"--frame\r\nContent-Type: image/jpeg\r\nContent-Length: %d\r\n\r\n%b\r\n" % (len(data), data))
             except OSError:
                 return
             time.sleep(PERIOD_S)
@@ -71,14 +70,14 @@ def test_a_network_camera_delivers_until_it_ends(network_camera: str) -> None:
 def test_a_server_that_never_answers_is_one_line(protocol: str) -> None:
     with socket.create_server(("127.0.0.1", 0)) as server:
         address = f"{protocol}://127.0.0.1:{server.getsockname()[1]}/stream"
-        with pytest.raises(SourceError, match=r"camera cam: no answer within 0.3 s; is it switched on, .*address"):
-            StreamConfig(where=address, camera="cam", open_s=0.3).build()
+        words = r"camera cam: no answer within 0.3 s; is it switched on, .*address"
+        refusal(SourceError, words, StreamConfig(where=address, camera="cam", open_s=0.3).build)
 
 
 @pytest.mark.parametrize("where", ["http://127.0.0.1:9/none", "rtsp://127.0.0.1:9/s"])
 def test_a_camera_that_is_away_is_one_line(where: str) -> None:
-    with pytest.raises(SourceError, match=rf"{where}: camera cam: cannot be opened .* switched on"):
-        StreamConfig(where=where, camera="cam").build()
+    words = rf"{where}: camera cam: cannot be opened .* switched on"
+    refusal(SourceError, words, StreamConfig(where=where, camera="cam").build)
     refusal(SourceError, "there are", lambda: StreamConfig(where="/dev/video77", camera="cam").build())
 
 
@@ -113,21 +112,14 @@ def test_a_device_that_may_not_be_read_is_one_line(tmp_path, request, hidden: bo
     refusal(SourceError, words, lambda: StreamConfig(where=str(device), camera="cam").build())
 
 
-def test_a_file_that_is_no_camera_is_one_line(tmp_path) -> None:
+def test_a_file_that_is_no_camera_and_a_camera_that_another_program_uses_are_one_line(tmp_path, monkeypatch) -> None:
     device = tmp_path / "video0"
     device.touch()
-    refusal(SourceError, r"cannot be opened .*; it is no camera", lambda: StreamConfig(where=str(device), camera="cam").build())
-
-
-def test_a_camera_another_program_uses_is_one_line(tmp_path, monkeypatch) -> None:
-    device = tmp_path / "video0"
-    device.touch()
-
-    def busy(*_: object, **__: object) -> None:
-        raise OSError(errno.EBUSY, os.strerror(errno.EBUSY))
-
-    monkeypatch.setattr("posefuse.sources.live.stream.av.open", busy)
-    refusal(SourceError, "another program uses it", lambda: StreamConfig(where=str(device), camera="cam").build())
+    build = StreamConfig(where=str(device), camera="cam").build
+    refusal(SourceError, r"cannot be opened .*; it is no camera", build)
+    busy = OSError(errno.EBUSY, os.strerror(errno.EBUSY))
+    monkeypatch.setattr("posefuse.sources.live.stream.av.open", Mock(side_effect=busy))
+    refusal(SourceError, "another program uses it", build)
 
 
 @pytest.mark.realtime

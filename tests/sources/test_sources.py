@@ -1,8 +1,9 @@
-"""Videos and image folders as sources: times, order, faults."""
+"""Videos and image folders as sources: times, order, faults, and how much of a camera can be read."""
 
 import itertools
 from fractions import Fraction
 from pathlib import Path
+from unittest.mock import Mock
 
 import cv2
 import numpy as np
@@ -12,7 +13,7 @@ from videos import ScriptedSource, remuxed, write_video
 
 from posefuse.core import Frame, Source, SourceError
 from posefuse.formats.video import VideoWriter
-from posefuse.sources import FramesAhead, ImagesConfig, VideoConfig, frame_sets
+from posefuse.sources import CountedSource, Coverage, FramesAhead, ImagesConfig, VideoConfig, frame_sets, incomplete_cameras
 from posefuse.sources.seeking import ImagesSeeker, VideoSeeker, nearest
 from posefuse.sources.video import recorded_at
 
@@ -35,8 +36,7 @@ def test_presentation_times_are_kept_with_variable_rate_and_offset(tmp_path: Pat
     source = VideoConfig(write_clip(tmp_path / "a.mp4", times_s), "cam", offset_s=0.5).build()
     assert isinstance(source, Source)
     frames = list(source.frames())
-    assert source.size_wh == SIZE_WH
-    assert [f.seq for f in frames] == [0, 1, 2, 3, 4]
+    assert (source.size_wh, [f.seq for f in frames]) == (SIZE_WH, [0, 1, 2, 3, 4])
     assert np.allclose([f.t_ns * 1e-9 for f in frames], np.array(times_s) + 0.5, atol=2e-5)
     assert np.array_equal(source.times_ns(), [f.t_ns for f in frames])
     assert np.allclose([brightness(f) for f in frames], [0, 10, 20, 30, 40], atol=3)
@@ -80,21 +80,20 @@ def write_images(folder: Path, count: int) -> Path:
 
 def test_images_are_rgb_in_order_with_rate_or_times_file(tmp_path: Path) -> None:
     folder = write_images(tmp_path / "cam", 4)
+    build = ImagesConfig(folder, "cam").build
     source = ImagesConfig(folder, "cam", rate_hz=50.0).build()
     assert isinstance(source, Source)
     frames = list(source.frames())
     assert [f.t_ns for f in frames] == [0, 20_000_000, 40_000_000, 60_000_000]
     assert tuple(frames[3].image[0, 0]) == (30, 0, 0)
     (folder / "timestamps.csv").write_text("file,t_s\n002.png,0.1\n001.png,0.25\n")
-    timed = ImagesConfig(folder, "cam").build()
-    assert [(f.t_ns, f.image[0, 0, 0]) for f in timed.frames()] == [(100_000_000, 20), (250_000_000, 10)]
+    assert [(f.t_ns, f.image[0, 0, 0]) for f in build().frames()] == [(100_000_000, 20), (250_000_000, 10)]
     (folder / "timestamps.csv").write_text("file,t_s\n002.png,0.3\n001.png,0.25\n")
-    refusal(SourceError, "strictly increasing", lambda: ImagesConfig(folder, "cam").build())
+    refusal(SourceError, "strictly increasing", build)
     (folder / "timestamps.csv").write_text("name,seconds\n002.png,0.3\n")
-    refusal(SourceError, "expected columns file, t_s", lambda: ImagesConfig(folder, "cam").build())
+    refusal(SourceError, "expected columns file, t_s", build)
     (folder / "timestamps.csv").unlink()
-    with pytest.raises(SourceError, match=r"do not state their frame rate; add `rate_hz=HZ`, .* or timestamps\.csv"):
-        ImagesConfig(folder, "cam").build()
+    refusal(SourceError, r"do not state their frame rate; add `rate_hz=HZ`, .* or timestamps\.csv", build)
 
 
 def test_a_broken_image_is_counted_and_an_empty_folder_named(tmp_path: Path) -> None:
@@ -189,18 +188,13 @@ def test_any_order_gives_the_frames_of_reading_on(name: str, request: pytest.Fix
 
 def test_reading_on_decodes_each_frame_once(video: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     seeker = VideoSeeker(VideoConfig(video, "cam"))
-    starts, begin = [], seeker._decoded
-
-    def counted():
-        starts.append(1)
-        return begin()
-
-    monkeypatch.setattr(seeker, "_decoded", counted)
+    starts = Mock(side_effect=seeker._decoded)
+    monkeypatch.setattr(seeker, "_decoded", starts)
     for i in range(60):
         seeker.at(i)
-    assert len(starts) == 1
+    assert starts.call_count == 1
     seeker.at(10)
-    assert len(starts) == 2
+    assert starts.call_count == 2
 
 
 def test_images_are_found_by_their_times(tmp_path: Path) -> None:
@@ -244,14 +238,70 @@ BLACK = [np.zeros((32, 32, 3), np.uint8)]
     [
         ("2026-03-01T09:30:00.000000Z", "2026-03-01T09:30:00Z"),
         ("2026-03-01T10:30:00+01:00", "2026-03-01T09:30:00Z"),
-        (None, None),
+        ("", None),
+        ("1970-01-01T00:00:00.000000Z", None),
     ],
+    ids=["in UTC", "elsewhere", "nothing", "a clock that was never set"],
 )
-def test_the_stated_time_in_utc(tmp_path: Path, stated: str | None, when: str | None) -> None:
-    assert recorded_at(write_video(tmp_path / "a.mp4", BLACK, "mpeg4", stated=stated or "")) == when
+def test_the_stated_time_in_utc(tmp_path: Path, stated: str, when: str | None) -> None:
+    assert recorded_at(write_video(tmp_path / "a.mp4", BLACK, "mpeg4", stated=stated)) == when
 
 
-def test_a_clock_that_was_never_set_and_a_damaged_file_state_nothing(tmp_path: Path) -> None:
-    assert recorded_at(write_video(tmp_path / "a.mp4", BLACK, "mpeg4", stated="1970-01-01T00:00:00.000000Z")) is None
+def test_a_damaged_file_states_no_time(tmp_path: Path) -> None:
     (tmp_path / "b.mp4").write_bytes(b"not a video")
     assert recorded_at(tmp_path / "b.mp4") is None
+
+
+# --- a camera of which part cannot be read is named, with its share and where it stops
+
+
+PERIOD_NS, WHOLE = 40_000_000, 50
+
+
+def covered(source: Source) -> Coverage:
+    """Of a source that is read to its end."""
+    counted = CountedSource(source, 0)
+    list(counted.frames())
+    return counted.coverage(0, (WHOLE - 1) * PERIOD_NS)
+
+
+def whole(camera: str, frames: int = WHOLE) -> Coverage:
+    return Coverage(camera, frames, frames, (frames - 1) * PERIOD_NS, PERIOD_NS)
+
+
+@pytest.mark.parametrize(
+    ("frames", "coverage", "said"),
+    [
+        (WHOLE, whole("b"), []),
+        (3000, whole("b", 2998), []),
+        (WHOLE, whole("b", 25), ["camera b: it stops at 0.96 s, the recording at 1.96 s"]),
+        (WHOLE, Coverage("b", 50, 0, None, PERIOD_NS), ["camera b: none of its 50 frames can be read"]),
+        (WHOLE, Coverage("b", 50, 40, 49 * PERIOD_NS, PERIOD_NS), ["camera b: 20% of its frames cannot be read (10 of 50)"]),
+        (
+            WHOLE,
+            Coverage("b", 50, 20, 19 * PERIOD_NS, PERIOD_NS),
+            ["camera b: 60% of its frames cannot be read (30 of 50); it stops at 0.76 s, the recording at 1.96 s"],
+        ),
+    ],
+    ids=["whole", "a few missing at the end", "shorter", "without any frame", "gaps", "gaps and shorter"],
+)
+def test_what_is_missing_of_a_camera_is_stated(frames: int, coverage: Coverage, said: list[str]) -> None:
+    assert incomplete_cameras([whole("a", frames), coverage]) == said
+
+
+def test_a_video_is_read_whole_also_with_metadata_that_is_not_utf8(tmp_path: Path) -> None:
+    path, rng = tmp_path / "cam.mp4", np.random.default_rng(0)
+    with VideoWriter(path, SIZE_WH, 25.0, 18) as writer:
+        for i in range(WHOLE):
+            writer.write(rng.integers(0, 255, (48, 64, 3), np.uint8), i * PERIOD_NS)
+    assert covered(VideoConfig(path, "b").build()) == whole("b")
+    content = path.read_bytes()
+    assert b"Lavf" in content
+    path.write_bytes(content.replace(b"Lavf", b"L\xe4vf"))
+    assert covered(VideoConfig(path, "b").build()) == whole("b")
+
+
+def test_frames_that_a_video_states_and_no_longer_holds_are_missing_at_its_end() -> None:
+    source = ScriptedSource("b", [i * PERIOD_NS for i in range(20)])
+    source.stated_frames = WHOLE
+    assert covered(source) == Coverage("b", WHOLE, 20, 19 * PERIOD_NS, PERIOD_NS)

@@ -1,4 +1,4 @@
-"""A studio in real Chromium, for what only a browser can show."""
+"""A workspace, and a studio in real Chromium for what only a browser can show."""
 
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -11,6 +11,13 @@ from posefuse.core import Rig
 from posefuse_studio.calibrations import Project, save_project
 from posefuse_studio.setups import Setup, save_setup
 from posefuse_studio.workspace import StudioWorkspace, write_stored
+
+
+@pytest.fixture
+def workspace(tmp_path: Path) -> StudioWorkspace:
+    """An empty one."""
+    (tmp_path / "lab").mkdir()
+    return StudioWorkspace(tmp_path / "lab")
 
 
 @pytest.fixture(scope="module")

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import httpx
+import ifaddr
 import pytest
 from checks import refusal
 from marked import ON_LINUX
@@ -45,31 +46,26 @@ def waits(monkeypatch: pytest.MonkeyPatch) -> list[float]:
     return waited
 
 
-def ask(
-    access: Access | AccessMiddleware,
-    path: str = "/",
-    query: str = "",
-    kind: str = "http",
-    cookie: str | None = OWN,
-    **headers: str,
-) -> list[dict[str, Any]]:
-    """What a request gets, with the token of a cookie; the application behind answers 200."""
-    if cookie is not None:
-        headers["cookie"] = cookie if "=" in cookie else f"posefuse_studio_8765={cookie}"
-    guard = access if isinstance(access, AccessMiddleware) else guarded(access)
-    return asyncio.run(asked(guard, path, query, kind, headers))
-
-
-def guarded(access: Access) -> AccessMiddleware:
-    """An application that answers 200, and its guard."""
+def guarded(access: Access, *headers: tuple[bytes, bytes]) -> AccessMiddleware:
+    """An application that answers 200 with these headers, and its guard."""
 
     async def application(scope: dict[str, Any], receive: Any, send: Any) -> None:
-        await send({"type": "http.response.start", "status": 200, "headers": []})
+        await send({"type": "http.response.start", "status": 200, "headers": [*headers]})
 
     return AccessMiddleware(application, access)
 
 
-async def asked(guard: AccessMiddleware, path: str, query: str, kind: str, headers: dict[str, str]) -> list[dict[str, Any]]:
+def ask(access: Access | AccessMiddleware, *where: str, cookie: str | None = OWN, **headers: str) -> dict[str, Any]:
+    """What a request gets first, with the token of a cookie; the application behind answers 200."""
+    if cookie is not None:
+        headers["cookie"] = cookie if "=" in cookie else f"posefuse_studio_8765={cookie}"
+    guard = access if isinstance(access, AccessMiddleware) else guarded(access)
+    return asyncio.run(asked(guard, headers, *where))
+
+
+async def asked(
+    guard: AccessMiddleware, headers: dict[str, str], path: str = "/", query: str = "", kind: str = "http"
+) -> dict[str, Any]:
     sent: list[dict[str, Any]] = []
 
     async def receive() -> dict[str, Any]:
@@ -79,20 +75,18 @@ async def asked(guard: AccessMiddleware, path: str, query: str, kind: str, heade
         sent.append(message)
 
     lines = [(name.replace("_", "-").encode(), value.encode()) for name, value in ({"host": "127.0.0.1:8765"} | headers).items()]
-    scope = {
-        "type": kind,
-        "method": "GET",
-        "path": path,
-        "query_string": query.encode(),
-        "headers": lines,
-        "client": ("1.2.3.4", 5),
-    }
-    await guard(scope, receive, send)
-    return sent
+    about = {"type": kind, "method": "GET", "path": path, "query_string": query.encode(), "client": ("1.2.3.4", 5)}
+    await guard({**about, "headers": lines}, receive, send)
+    return sent[0]
 
 
 def status(*args: Any, **kwargs: Any) -> int:
-    return int(ask(*args, **kwargs)[0]["status"])
+    return int(ask(*args, **kwargs)["status"])
+
+
+def closes(access: Access, **headers: Any) -> bool:
+    """Whether a websocket is refused."""
+    return bool(ask(access, "/", "", "websocket", **headers)["type"] == "websocket.close")
 
 
 def test_a_token_is_always_needed_also_on_this_machine() -> None:
@@ -102,7 +96,7 @@ def test_a_token_is_always_needed_also_on_this_machine() -> None:
     for access in (LOCAL, OPEN):
         assert status(access) == 200
         assert status(access, cookie=None) == 403 and status(access, cookie="wrong") == 403 and status(access, cookie="") == 403
-        assert ask(access, kind="websocket", cookie=None)[0]["type"] == "websocket.close"
+        assert closes(access, cookie=None)
 
 
 def test_a_token_that_can_be_guessed_is_refused() -> None:
@@ -115,7 +109,7 @@ def test_wrong_tokens_wait_for_each_other_and_are_noted(waits: list[float], capl
     guard, ways = guarded(LOCAL), [("token=wrong", {}), ("", {"cookie": "posefuse_studio_8765=wrong"})]
 
     async def try_many() -> None:
-        await asyncio.gather(*(asked(guard, "/", query, "http", headers) for query, headers in ways * 50))
+        await asyncio.gather(*(asked(guard, headers, "/", query) for query, headers in ways * 50))
 
     asyncio.run(try_many())
     assert waits == [rules._WRONG_S] * 100 and rules._WRONG_S >= 1
@@ -133,34 +127,28 @@ def test_a_foreign_host_is_refused(host: str) -> None:
 def test_a_foreign_origin_is_refused_also_for_websockets() -> None:
     good, bad = {"origin": "http://127.0.0.1:8765"}, {"origin": "http://evil.example"}
     assert status(LOCAL, **good) == 200 and status(LOCAL, **bad) == 403
-    assert ask(LOCAL, kind="websocket", **bad)[0]["type"] == "websocket.close"
-    assert ask(LOCAL, kind="websocket", **good)[0]["type"] != "websocket.close"
-    assert ask(OPEN, kind="websocket", cookie=None, **good)[0]["type"] == "websocket.close"
+    assert closes(LOCAL, **bad) and closes(OPEN, cookie=None, **good) and not closes(LOCAL, **good)
 
 
 def test_a_page_of_another_site_cannot_embed_or_fetch_but_a_link_opens() -> None:
-    assert status(LOCAL, sec_fetch_site="cross-site", sec_fetch_mode="no-cors", sec_fetch_dest="image") == 403
-    assert status(LOCAL, sec_fetch_site="cross-site", sec_fetch_mode="navigate", sec_fetch_dest="iframe") == 403
-    assert status(LOCAL, sec_fetch_site="cross-site", sec_fetch_mode="navigate", sec_fetch_dest="document") == 200
-    assert (b"x-frame-options", b"DENY") in ask(LOCAL)[0]["headers"]
+    for mode, where, answer in (("no-cors", "image", 403), ("navigate", "iframe", 403), ("navigate", "document", 200)):
+        assert status(LOCAL, sec_fetch_site="cross-site", sec_fetch_mode=mode, sec_fetch_dest=where) == answer
+    assert (b"x-frame-options", b"DENY") in ask(LOCAL)["headers"]
 
 
 def test_a_script_in_a_page_can_send_nothing_elsewhere() -> None:
-    policy = dict(ask(LOCAL)[0]["headers"])[b"content-security-policy"].decode()
+    policy = dict(ask(LOCAL)["headers"])[b"content-security-policy"].decode()
     assert "connect-src 'self';" in policy and "default-src 'self';" in policy and "form-action 'none'" in policy
     assert "http" not in policy and "*" not in policy
 
 
 def test_a_file_keeps_its_own_stricter_policy() -> None:
-    async def application(scope: dict[str, Any], receive: Any, send: Any) -> None:
-        await send({"type": "http.response.start", "status": 200, "headers": [(b"content-security-policy", b"sandbox")]})
-
-    headers = ask(AccessMiddleware(application, LOCAL))[0]["headers"]
+    headers = ask(guarded(LOCAL, (b"content-security-policy", b"sandbox")))["headers"]
     assert [value for name, value in headers if name == b"content-security-policy"] == [b"sandbox"]
 
 
 def test_a_token_moves_from_the_address_into_a_cookie() -> None:
-    answer = ask(OPEN, "/live", f"token={OWN}", cookie=None)[0]
+    answer = ask(OPEN, "/live", f"token={OWN}", cookie=None)
     headers = dict(answer["headers"])
     assert answer["status"] == 200 and headers[b"refresh"] == b"0; url=/live"
     cookie = headers[b"set-cookie"].decode()
@@ -168,7 +156,7 @@ def test_a_token_moves_from_the_address_into_a_cookie() -> None:
     assert status(OPEN, cookie=cookie.split(";")[0]) == 200
     assert status(OPEN, cookie=f"posefuse_studio_9999={OWN}") == 403
     # never what somebody else wrote
-    assert b"set-cookie" not in dict(ask(OPEN, query="token=x%0d%0aSet-Cookie:a=b")[0]["headers"])
+    assert b"set-cookie" not in dict(ask(OPEN, "/", "token=x%0d%0aSet-Cookie:a=b")["headers"])
 
 
 @pytest.mark.parametrize(
@@ -183,7 +171,7 @@ def test_a_token_moves_from_the_address_into_a_cookie() -> None:
     ],
 )
 def test_the_way_to_the_cookie_stays_on_this_site(path: str, moved: bytes) -> None:
-    assert dict(ask(OPEN, path, f"token={OWN}")[0]["headers"])[b"refresh"] == b"0; url=" + moved
+    assert dict(ask(OPEN, path, f"token={OWN}")["headers"])[b"refresh"] == b"0; url=" + moved
 
 
 def test_a_viewer_sees_the_phone_page_only() -> None:
@@ -199,26 +187,19 @@ def test_loopback_addresses_are_known() -> None:
 
 
 def test_a_phone_records_only_where_the_owner_allows_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    studio, asked = Studio(StudioWorkspace(tmp_path), OPEN), list[str]()
-    monkeypatch.setattr(studio.live, "ask", lambda request, **values: asked.append(request))
-    record_or_stop(studio)
-    assert asked == []
-    studio.phone_may_record = True
-    record_or_stop(studio)
-    studio.live.status = SessionStatus(recording="recordings/walk")
-    record_or_stop(studio)
-    assert asked == ["record", "stop_recording"]
-    studio.phone_may_record = False
-    record_or_stop(studio)
-    assert asked == ["record", "stop_recording"]
+    studio, requests = Studio(StudioWorkspace(tmp_path), OPEN), list[str]()
+    monkeypatch.setattr(studio.live, "ask", lambda request, **values: requests.append(request))
+    for allowed, recording in ((False, ""), (True, ""), (True, "recordings/walk"), (False, "recordings/walk")):
+        studio.phone_may_record, studio.live.status = allowed, SessionStatus(recording=recording)
+        record_or_stop(studio)
+    assert requests == ["record", "stop_recording"]
 
 
 @pytest.mark.slow
 def test_beyond_this_machine_a_token_is_demanded_and_host_and_origin_are_checked(tmp_path: Path) -> None:
     """From an address of this machine that is not loopback, as another machine comes; with the real server."""
-    address = outward_address()
-    if not address:
-        pytest.skip("this machine has no address besides loopback")
+    found = [ip.ip for adapter in ifaddr.get_adapters() for ip in adapter.ips if isinstance(ip.ip, str)]
+    address = next((ip for ip in found if not is_loopback(ip)), "") or pytest.skip("this machine has no address besides loopback")
     port, token = free_port(), TOKEN
     base = f"http://{address}:{port}"
     with server(tmp_path, port, "--host", "0.0.0.0"), httpx.Client(timeout=30) as client:
@@ -246,11 +227,3 @@ def test_ctrl_c_twice_ends_the_server_without_a_trace(tmp_path: Path) -> None:
         process.wait(PATIENCE_S)
     printed = log.read_text(encoding="utf-8")
     assert "stopped by Ctrl-C" in printed and "Traceback" not in printed, printed
-
-
-def outward_address() -> str:
-    """An IPv4 address of this machine under which others reach it; empty where there is none."""
-    import ifaddr
-
-    found = [ip.ip for adapter in ifaddr.get_adapters() for ip in adapter.ips if isinstance(ip.ip, str)]
-    return next((ip for ip in found if not is_loopback(ip)), "")

@@ -19,32 +19,8 @@ from posefuse.calibration.targets.coverage import ENOUGH_SHARE, ENOUGH_TOGETHER,
 from posefuse.calibration.targets.kinds import Charuco, read_target
 from posefuse.core import CalibrationError, InputError
 from posefuse.formats.video import VideoWriter
-from posefuse_studio.calibrations import (
-    LENSES,
-    NEAR_FAR,
-    NOTHING,
-    RIG,
-    SEEN,
-    Known,
-    Project,
-    SeenTarget,
-    Step,
-    StepResult,
-    advice_for,
-    check_target,
-    enough_for,
-    known_of,
-    named_cameras,
-    near_far_of,
-    new_recording,
-    print_targets,
-    projects,
-    rests_on,
-    save_project,
-    size_of,
-    stamp,
-    targets,
-)
+from posefuse_studio import calibrations
+from posefuse_studio.calibrations import LENSES, NEAR_FAR, NOTHING, RIG, SEEN, Known, Project, SeenTarget, Step, StepResult
 from posefuse_studio.pages.calibrate import graph_options, graph_words, shared_views
 from posefuse_studio.work import calibrate
 from posefuse_studio.work.calibrate import refusal_pictures
@@ -66,9 +42,8 @@ def result(
     kind: CheckKind = "record",
     rests_on: str = "",
 ) -> StepResult:
-    check = Check("enough views", passed, detail, remedy, kind)
-    return StepResult(passed=passed, recording=recording, cameras=["left", "right"], rests_on=rests_on,
-                      reports=[CalibrationReport(step, (check,))])  # fmt: skip
+    reports = [CalibrationReport(step, (Check("enough views", passed, detail, remedy, kind),))]
+    return StepResult(passed=passed, recording=recording, cameras=["left", "right"], rests_on=rests_on, reports=reports)
 
 
 def none_yet(project: Project = READY) -> Known:
@@ -94,7 +69,7 @@ def filmed(known: Known, step: Step, recording: str = "one", **seen: Any) -> Kno
 def recorded(workspace: StudioWorkspace, step: Step, project: Project | None = None, enough: bool = True) -> str:
     """The files of a recording; gives its name."""
     project = project or READY
-    name = new_recording(workspace, project, step)
+    name = calibrations.new_recording(workspace, project, step)
     write_stored(workspace.folder(name) / SEEN, SeenTarget(cameras=["left"], enough=enough, target=project.target(step)))
     return name
 
@@ -102,18 +77,17 @@ def recorded(workspace: StudioWorkspace, step: Step, project: Project | None = N
 def calculated(workspace: StudioWorkspace, step: Step, recording: str, passed: bool = True) -> None:
     """The files of a result."""
     folder = workspace.path(READY.folder)
-    made = result(step, passed, recording=recording, rests_on=rests_on(folder, step))
+    made = result(step, passed, recording=recording, rests_on=calibrations.rests_on(folder, step))
     if passed and step != "verify":
         (folder / {"intrinsics": LENSES, "extrinsics": RIG}[step]).write_text(recording, encoding="utf-8")
     write_stored(folder / f"{step}.json", made)
 
 
 @pytest.fixture
-def workspace(tmp_path: Path) -> StudioWorkspace:
+def workspace(workspace: StudioWorkspace) -> StudioWorkspace:
     """With a calibration in which nothing is done yet."""
-    made = StudioWorkspace(tmp_path)
-    save_project(made, READY)
-    return made
+    calibrations.save_project(workspace, READY)
+    return workspace
 
 
 def test_the_steps_come_in_order() -> None:
@@ -159,11 +133,9 @@ def test_a_refusal_leads_to_the_step_that_is_to_blame(refused: Step, kind: Check
     assert without.step != "intrinsics"
 
 
-def test_clocks_of_an_earlier_calibration_are_not_applied(
-    workspace: StudioWorkspace, monkeypatch: pytest.MonkeyPatch, ring_rig: Any
-) -> None:
+def test_clocks_of_an_earlier_calibration_are_not_applied(workspace: StudioWorkspace, monkeypatch, ring_rig: Any) -> None:
     recording = recorded(workspace, "extrinsics")
-    cube, _ = print_targets(workspace, SIZES, "a4", "verify")
+    cube, board = calibrations.print_targets(workspace, SIZES, "a4", "verify")
     seen = SimpleNamespace(of_patches=lambda ids: ())
     monkeypatch.setattr(calibrate, "observe_target", lambda *_, **__: seen)
     rig, applied = rig_of(ring_rig(2)), []
@@ -179,18 +151,14 @@ def test_clocks_of_an_earlier_calibration_are_not_applied(
         monkeypatch.setattr(calibrate.pf, "calibrate_extrinsics", lambda *_, found=found, **__: found)
         arguments = {"step": "extrinsics", "folder": READY.folder, "recording": recording, "target": cube}
         assert calibrate.run(arguments, workspace, None)["passed"]
-        calibrate.run({**arguments, "step": "verify", "target": workspace.name_of(board_of(workspace))}, workspace, None)
+        calibrate.run({**arguments, "step": "verify", "target": board}, workspace, None)
     assert applied == [{"cam01": pytest.approx(0.12)}, {}]
-
-
-def board_of(workspace: StudioWorkspace) -> Path:
-    return next(workspace.path("targets").glob("board*.toml"))
 
 
 def test_any_number_of_recordings_of_a_step_can_be_made(workspace: StudioWorkspace) -> None:
     names = [recorded(workspace, step) for step in STEPS for _ in range(4)]
     assert names == [f"{READY.folder}/{step}-{n}" for step in STEPS for n in (1, 2, 3, 4)]
-    assert known_of(workspace, READY, ["left"])["verify"].recording.endswith("verify-4")
+    assert calibrations.known_of(workspace, READY, ["left"])["verify"].recording.endswith("verify-4")
 
 
 def test_what_rests_on_a_step_that_was_done_again_is_outdated(workspace: StudioWorkspace) -> None:
@@ -200,7 +168,7 @@ def test_what_rests_on_a_step_that_was_done_again_is_outdated(workspace: StudioW
         calculated(workspace, step, names[step])
 
     def now() -> Known:
-        return known_of(workspace, READY, ["left"])
+        return calibrations.known_of(workspace, READY, ["left"])
 
     def outdated() -> set[Step]:
         return {step for step in STEPS if now()[step].outdated}
@@ -224,20 +192,20 @@ def test_what_rests_on_a_step_that_was_done_again_is_outdated(workspace: StudioW
 
 def test_a_recording_of_another_target_is_not_calculated(workspace: StudioWorkspace) -> None:
     recorded(workspace, "intrinsics")
-    assert known_of(workspace, READY, ["left"]).next_step().action == "solve"
+    assert calibrations.known_of(workspace, READY, ["left"]).next_step().action == "solve"
     other = replace(READY, board="targets/other.toml")
-    assert known_of(workspace, other, ["left"]).next_step().action == "record"
+    assert calibrations.known_of(workspace, other, ["left"]).next_step().action == "record"
 
 
 def test_a_recording_that_was_stopped_by_mistake_takes_no_result_away(workspace: StudioWorkspace) -> None:
     for step in STEPS:
         calculated(workspace, step, recorded(workspace, step))
         recorded(workspace, step, enough=False)
-    known = known_of(workspace, READY, ["left"])
+    known = calibrations.known_of(workspace, READY, ["left"])
     assert known.next_step().action == "use" and known["verify"].recording.endswith("verify-1")
     # where there is nothing to lose, it can be used
     calculated(workspace, "verify", known["verify"].recording, passed=False)
-    known = known_of(workspace, READY, ["left"])
+    known = calibrations.known_of(workspace, READY, ["left"])
     assert known["verify"].recording.endswith("verify-2") and known.next_step().action == "solve"
 
 
@@ -248,31 +216,32 @@ def test_a_recording_that_was_stopped_early_is_said_to_be() -> None:
 
 def test_the_calibration_that_was_worked_on_last_comes_first(tmp_path: Path) -> None:
     workspace = StudioWorkspace(tmp_path)
-    assert projects(workspace) == {}
+    assert calibrations.projects(workspace) == {}
     for name in ("hall", "room"):
-        save_project(workspace, replace(READY, name=name))
+        calibrations.save_project(workspace, replace(READY, name=name))
         os.utime(workspace.path(f"calibrations/{name}"), ns=(10**9, 10**9))
     recorded(workspace, "verify", project=replace(READY, name="hall"))
-    assert list(projects(workspace)) == ["hall", "room"]
+    assert list(calibrations.projects(workspace)) == ["hall", "room"]
 
 
 def test_targets_are_offered_for_what_they_can_do(tmp_path: Path) -> None:
     workspace = StudioWorkspace(tmp_path)
-    assert targets(workspace, "verify") == []
-    _, small = print_targets(workspace, SIZES | {"columns": 4, "rows": 3}, "a4", "verify")
-    cube, board = print_targets(workspace, SIZES, "a4", "intrinsics")
+    assert calibrations.targets(workspace, "verify") == []
+    _, small = calibrations.print_targets(workspace, SIZES | {"columns": 4, "rows": 3}, "a4", "verify")
+    cube, board = calibrations.print_targets(workspace, SIZES, "a4", "intrinsics")
     (workspace.path("targets") / "damaged.toml").write_text("kind = 3", encoding="utf-8")
-    assert {step: targets(workspace, step) for step in STEPS} == {
+    assert {step: calibrations.targets(workspace, step) for step in STEPS} == {
         "intrinsics": [board], "extrinsics": [cube], "verify": sorted([small, board])
     }  # fmt: skip
-    with pytest.raises(CalibrationError, match=r"at least 8 corners .* got 6 on one of 4 x 3"):
-        print_targets(workspace, SIZES | {"columns": 4, "rows": 3}, "a4", "intrinsics")
-    with pytest.raises(InputError, match="a board for the lenses and the verification"):
-        check_target(read_target(workspace.existing(cube)), "verify")
+    few = SIZES | {"columns": 4, "rows": 3}
+    words = r"at least 8 corners .* got 6 on one of 4 x 3"
+    refusal(CalibrationError, words, lambda: calibrations.print_targets(workspace, few, "a4", "intrinsics"))
+    target = read_target(workspace.existing(cube))
+    refusal(InputError, "a board for the lenses and the verification", calibrations.check_target, target, "verify")
 
 
 def test_a_calculation_refuses_the_target_of_another_step(workspace: StudioWorkspace) -> None:
-    cube, _ = print_targets(workspace, SIZES, "a4", "intrinsics")
+    cube, _ = calibrations.print_targets(workspace, SIZES, "a4", "intrinsics")
     arguments = {"step": "verify", "folder": READY.folder, "recording": recorded(workspace, "verify"), "target": cube}
     refusal(InputError, "a board for the lenses and the verification", calibrate.run, arguments, workspace, None)
 
@@ -294,20 +263,20 @@ def test_overlap_needs_a_partner_and_the_image(linked: float, covered: float, st
 
 
 def test_a_project_is_found_again_with_its_newest_recording(workspace: StudioWorkspace) -> None:
-    assert projects(workspace) == {"room": READY}
-    before = stamp(workspace, READY)
+    assert calibrations.projects(workspace) == {"room": READY}
+    before = calibrations.stamp(workspace, READY)
     for number in (1, 2):
         seen = SeenTarget(cameras=["left"], enough=number == 2)
         write_stored(workspace.folder(f"{READY.folder}/verify-{number}") / SEEN, seen)
     workspace.folder(f"{READY.folder}/verify-3")
     write_stored(workspace.path(READY.folder) / "verify.json", result("verify", recording=f"{READY.folder}/verify-1"))
-    known = known_of(workspace, READY, ["left"])
-    assert before != stamp(workspace, READY) == stamp(workspace, READY)
+    known = calibrations.known_of(workspace, READY, ["left"])
+    assert before != calibrations.stamp(workspace, READY) == calibrations.stamp(workspace, READY)
     assert known["verify"].recording == f"{READY.folder}/verify-2" and known["verify"].seen == seen
     assert [step for step in STEPS if known[step].recording] == ["verify"]
     assert not known["verify"].passed and known.cameras == ("left",)
     with pytest.raises(InputError):
-        save_project(workspace, replace(READY, name="../x"))
+        calibrations.save_project(workspace, replace(READY, name="../x"))
 
 
 def test_a_result_is_read_back_as_it_was(tmp_path: Path) -> None:
@@ -328,22 +297,23 @@ def test_each_step_asks_for_what_it_needs_and_no_more() -> None:
         cells = rng.integers(0, 2, (3, 6, 8)) * (rng.random((3, 1, 1)) < 0.8)
         together = np.triu(rng.integers(0, 2 * ENOUGH_TOGETHER, (3, 3)))
         found = TargetCoverage(names, cells, together + np.triu(together, 1).T)
-        ready = {step: enough_for(step, found) for step in STEPS}
+        ready = {step: calibrations.enough_for(step, found) for step in STEPS}
         assert not ready["extrinsics"] or (ready["intrinsics"] and ready["verify"])
-        assert all(advice_for(step, found).startswith("enough") == ready[step] for step in STEPS)
+        assert all(calibrations.advice_for(step, found).startswith("enough") == ready[step] for step in STEPS)
         # lenses: pairs do not matter; verification: images do not
         alone = replace(found, together=np.diag(np.diag(found.together)))
-        assert enough_for("intrinsics", alone) == ready["intrinsics"] and not enough_for("verify", alone)
-        assert "same time" not in advice_for("intrinsics", alone)
-        assert not any("target" in advice_for(step, found) for step in STEPS)
-        assert enough_for("verify", replace(found, cells=np.zeros_like(cells))) == ready["verify"]
+        assert calibrations.enough_for("intrinsics", alone) == ready["intrinsics"]
+        assert not calibrations.enough_for("verify", alone)
+        assert "same time" not in calibrations.advice_for("intrinsics", alone)
+        assert not any("target" in calibrations.advice_for(step, found) for step in STEPS)
+        assert calibrations.enough_for("verify", replace(found, cells=np.zeros_like(cells))) == ready["verify"]
 
 
 def test_lenses_from_a_cube_need_it_near_and_far() -> None:
     found = TargetCoverage(("a", "b"), np.ones((2, 6, 8)), np.full((2, 2), ENOUGH_TOGETHER))
-    assert enough_for("extrinsics", found) and enough_for("extrinsics", found, np.full(2, NEAR_FAR))
-    assert not enough_for("extrinsics", found, np.array([9.0, 1.1]))
-    assert "near b" in advice_for("extrinsics", found, np.array([9.0, 1.1]))
+    assert calibrations.enough_for("extrinsics", found) and calibrations.enough_for("extrinsics", found, np.full(2, NEAR_FAR))
+    assert not calibrations.enough_for("extrinsics", found, np.array([9.0, 1.1]))
+    assert "near b" in calibrations.advice_for("extrinsics", found, np.array([9.0, 1.1]))
 
 
 def test_sizes_in_an_image_show_the_range_of_distances() -> None:
@@ -352,16 +322,16 @@ def test_sizes_in_an_image_show_the_range_of_distances() -> None:
     for distance_m in np.linspace(2.0, 4.0, 100):
         turn, _ = cv2.Rodrigues(np.array([0.0, 0.7, 0.0]))
         xyz = square @ turn.T + [0, 0, distance_m]
-        sizes.append(size_of(focal_px * xyz[:, :2] / xyz[:, 2:], np.zeros(4)))
+        sizes.append(calibrations.size_of(focal_px * xyz[:, :2] / xyz[:, 2:], np.zeros(4)))
     near, far = np.quantile(np.linspace(2.0, 4.0, 100), [0.05, 0.95])
-    assert near_far_of([sizes, []]) == pytest.approx([far / near, 1.0], rel=0.05)
-    assert np.isnan(size_of(np.zeros((3, 2)), np.zeros(3)))
+    assert calibrations.near_far_of([sizes, []]) == pytest.approx([far / near, 1.0], rel=0.05)
+    assert np.isnan(calibrations.size_of(np.zeros((3, 2)), np.zeros(3)))
 
 
 def test_a_check_blames_the_cameras_that_it_names_and_no_other() -> None:
     text = "rig cam1 and cam-2: seen 3 times"
-    assert named_cameras(text, ("cam1", "cam10", "cam", "cam-2", "cam3", "2")) == ("cam1", "cam-2")
-    assert named_cameras("cam (left) ", ("cam (left)",)) == ("cam (left)",)
+    assert calibrations.named_cameras(text, ("cam1", "cam10", "cam", "cam-2", "cam3", "2")) == ("cam1", "cam-2")
+    assert calibrations.named_cameras("cam (left) ", ("cam (left)",)) == ("cam (left)",)
     refusal = result("verify", False, detail="cam1: seen 3 times", remedy="show it to cam3")
     assert refusal.blames("cam1") and not refusal.blames("cam3") and not result("verify", detail="cam1").blames("cam1")
 

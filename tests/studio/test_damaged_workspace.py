@@ -16,6 +16,13 @@ QUOTED = 'a\' b" data-more="1'
 JOBS = ".posefuse-studio/jobs"
 CHECK = {"name": "enough views", "passed": True, "detail": "", "remedy": ""}
 PASSED = {"passed": True, "cameras": ["a"], "reports": [{"subject": "rig", "checks": [CHECK], "numbers": {}}]}
+PROJECT = {"setup": "outside", "cube": "c.toml", "board": "b.toml", "lenses": False}
+
+
+def job(work: str, title: str, arguments: Any) -> dict[str, Any]:
+    return {"work": work, "title": title, "arguments": arguments}
+
+
 FILES: dict[str, Any] = {
     # recordings
     "recordings/walk/recording.mcap": "no MCAP file",
@@ -32,27 +39,18 @@ FILES: dict[str, Any] = {
     "setups/outside.json": {"sources": {"a": "video:../secret.mp4"}, "rig": "gone.toml"},
     # calibrations: of a preset that was deleted; with a rig file that is gone; with results of another kind
     "calibrations/bare/project.json": {"setup": "deleted", "cube": "", "board": "", "lenses": True},
-    "calibrations/gone/project.json": {"setup": "outside", "cube": "c.toml", "board": "b.toml", "lenses": False},
+    "calibrations/gone/project.json": PROJECT,
     "calibrations/gone/extrinsics.json": PASSED,
-    "calibrations/kind/project.json": {"setup": "outside", "cube": "c.toml", "board": "b.toml", "lenses": False},
+    "calibrations/kind/project.json": PROJECT,
     "calibrations/kind/extrinsics.json": {"passed": True},
     "calibrations/kind/verify.json": {"passed": False, "reports": [{}]},
     "calibrations/kind/extrinsics-1/coverage.json": {"cameras": ["a"]},
     # a recording that failed
-    "calibrations/broken/project.json": {"setup": "outside", "cube": "c.toml", "board": "b.toml", "lenses": False},
-    f"{JOBS}/20260101-000003-watch/job.json": {
-        "work": "watch",
-        "title": "Recording x",
-        "arguments": {"folder": "calibrations/broken", "record": "x"},
-    },
+    "calibrations/broken/project.json": PROJECT,
+    f"{JOBS}/20260101-000003-watch/job.json": job("watch", "Recording x", {"folder": "calibrations/broken", "record": "x"}),
     f"{JOBS}/20260101-000003-watch/state.json": {"state": "failed", "error": "camera a: is used by another program"},
     # a link that a browser would run
-    f"{JOBS}/20260101-000004-report/job.json": {
-        "work": "report",
-        "title": "Script",
-        "arguments": {},
-        "page": "javascript:document.title='ran'",
-    },
+    f"{JOBS}/20260101-000004-report/job.json": job("report", "Script", {}) | {"page": "javascript:document.title='ran'"},
     f"{JOBS}/20260101-000004-report/state.json": {"state": "done"},
     # jobs: not written to the end; with values of other kinds
     f"{JOBS}/20260101-000000-live/job.json": "{",

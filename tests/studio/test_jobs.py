@@ -10,6 +10,7 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
+from unittest.mock import Mock
 
 import pytest
 from checks import refusal
@@ -21,11 +22,6 @@ from posefuse_studio import jobs as jobs_module
 from posefuse_studio.jobs import JOBS_FOLDER, LIVE, WATCH, Job, Jobs, Report
 from posefuse_studio.shell import state_of
 from posefuse_studio.workspace import StudioWorkspace, read_stored, write_stored
-
-
-@pytest.fixture
-def workspace(tmp_path: Path) -> StudioWorkspace:
-    return StudioWorkspace(tmp_path)
 
 
 def done(workspace: StudioWorkspace, run: Callable[..., Mapping[str, Any]], monkeypatch: pytest.MonkeyPatch) -> Report:
@@ -68,14 +64,9 @@ def test_progress_news_and_result_are_reported(workspace: StudioWorkspace, monke
 
 
 def test_a_known_fault_is_one_line_and_a_bug_is_named(workspace: StudioWorkspace, monkeypatch: pytest.MonkeyPatch) -> None:
-    def refuse(*_: Any) -> Mapping[str, Any]:
-        raise InputError("no such\nfolder")
-
-    def bug(*_: Any) -> Mapping[str, Any]:
-        raise ZeroDivisionError("by zero")
-
-    assert done(workspace, refuse, monkeypatch).error == "no such folder"
-    assert done(workspace, bug, monkeypatch).error.startswith("ZeroDivisionError: by zero")
+    refusing, faulty = Mock(side_effect=InputError("no such\nfolder")), Mock(side_effect=ZeroDivisionError("by zero"))
+    assert done(workspace, refusing, monkeypatch).error == "no such folder"
+    assert done(workspace, faulty, monkeypatch).error.startswith("ZeroDivisionError: by zero")
 
 
 def test_a_cancelled_job_is_interrupted(workspace: StudioWorkspace, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -88,16 +79,15 @@ def test_a_cancelled_job_is_interrupted(workspace: StudioWorkspace, monkeypatch:
 
 
 def test_a_job_whose_workspace_was_deleted_ends(workspace: StudioWorkspace, monkeypatch: pytest.MonkeyPatch) -> None:
-    went_on = []
+    went_on = Mock()
 
-    def run(*_: Any) -> Mapping[str, Any]:
+    def run(*_: Any) -> Any:
         shutil.rmtree(workspace.path(f"{JOBS_FOLDER}/one"))
         threading.Event().wait(20.0)
-        went_on.append(True)
-        return {}
+        went_on()
 
     done(workspace, run, monkeypatch)
-    assert not went_on
+    assert not went_on.called
 
 
 def test_a_job_that_stopped_reporting_is_lost_with_its_last_words(workspace: StudioWorkspace) -> None:
@@ -112,9 +102,7 @@ def test_a_job_that_stopped_reporting_is_lost_with_its_last_words(workspace: Stu
 
 
 @pytest.mark.parametrize("jump_s", [-7200.0, 7200.0])
-def test_a_job_that_reports_is_not_lost_when_the_clock_is_set(
-    workspace: StudioWorkspace, monkeypatch: pytest.MonkeyPatch, jump_s: float
-) -> None:
+def test_a_job_that_reports_is_not_lost_when_the_clock_is_set(workspace: StudioWorkspace, monkeypatch, jump_s: float) -> None:
     jobs, real = Jobs(workspace), time.time
     stored_job(workspace, "one", begun_s=real())
     reporter = job_process.JobReporter(workspace, "one")
@@ -130,8 +118,8 @@ def test_a_job_that_reports_is_not_lost_when_the_clock_is_set(
 
 
 @pytest.mark.parametrize("jump_s", [-7200.0, 7200.0])
-def test_a_report_of_before_the_clock_was_set_counts_from_when_it_is_read(
-    workspace: StudioWorkspace, monkeypatch: pytest.MonkeyPatch, jump_s: float
+def test_a_report_of_before_the_clock_was_set_counts_from_its_reading(
+    workspace: StudioWorkspace, monkeypatch, jump_s: float
 ) -> None:
     jobs, real = Jobs(workspace), time.time
     for i in range(2):
@@ -151,13 +139,13 @@ def test_damaged_state_is_no_trouble(workspace: StudioWorkspace) -> None:
 
 def test_what_has_ended_is_read_once(workspace: StudioWorkspace, monkeypatch: pytest.MonkeyPatch) -> None:
     names = [ended(workspace, number) for number in range(500)]
-    jobs, read = Jobs(workspace), list[Path]()
-    monkeypatch.setattr("posefuse_studio.jobs.read_stored", lambda path, cls: [read.append(path), read_stored(path, cls)][1])
-    assert jobs.running() == [] and len(read) == 2 * len(names)
+    jobs, read = Jobs(workspace), Mock(side_effect=read_stored)
+    monkeypatch.setattr("posefuse_studio.jobs.read_stored", read)
+    assert jobs.running() == [] and read.call_count == 2 * len(names)
     for _ in range(3):
         assert jobs.running() == [] and jobs.running("report") == [] and jobs.running("live") == []
         assert [job.id for job in jobs.all()] == names[::-1] and jobs.report(names[0]).ended
-    assert len(read) == 2 * len(names)
+    assert read.call_count == 2 * len(names)
     # a new one is seen, and read again until it ends
     folder = stored_job(workspace, "20260102-000000-report", {"state": "running", "reported_s": time.time()})
     assert [job.id for job in jobs.running()] == [folder.name]
@@ -216,22 +204,11 @@ def test_a_study_with_failed_trials_has_no_green_light(report: Report, shown: tu
 # --- one live session at a time, which gets the cameras
 
 
-class Idle:
-    """Stands for the process of a job: it reports nothing yet."""
-
-    returncode = None
-
-    def __init__(self, *_: Any, **__: Any) -> None:
-        pass
-
-    def poll(self) -> None:
-        """It runs."""
-
-
 @pytest.fixture
-def jobs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Jobs:
-    monkeypatch.setattr(jobs_module.subprocess, "Popen", Idle)
-    return Jobs(StudioWorkspace(tmp_path))
+def jobs(workspace: StudioWorkspace, monkeypatch: pytest.MonkeyPatch) -> Jobs:
+    """Of processes that run and report nothing yet."""
+    monkeypatch.setattr(jobs_module.subprocess, "Popen", lambda *_, **__: SimpleNamespace(returncode=None, poll=lambda: None))
+    return Jobs(workspace)
 
 
 def cancelled(jobs: Jobs, job: str) -> bool:

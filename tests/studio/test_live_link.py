@@ -1,12 +1,15 @@
 """A server's side of a session: what no page shows is not sent, and what is damaged is noted."""
 
 import asyncio
+import itertools
 import os
 import pickle
 from collections.abc import Callable, Coroutine
 from multiprocessing.connection import Client
 from socket import SHUT_RDWR, socket
+from types import SimpleNamespace
 from typing import Any, ClassVar
+from unittest.mock import Mock
 
 import pytest
 from live_session import until
@@ -35,19 +38,6 @@ class OneJob:
         return self._address
 
 
-class Page:
-    """Counts as one that shows a stream."""
-
-    def put(self, key: object, message: bytes) -> None:
-        """Nothing."""
-
-
-class Bound:
-    """Stands for a label."""
-
-    text = ""
-
-
 @pytest.fixture
 def host() -> Host:
     return Host()
@@ -67,7 +57,7 @@ def test_a_session_receives_what_pages_show(host: Host) -> None:
     async def use() -> None:
         await asyncio.to_thread(until, lambda: link._connection is not None)
         assert not host.watched
-        link.stream._pages.add(Page())
+        link.stream._pages.add(Mock())
         link.stream._on_watched(len(link.stream._pages))
         await asyncio.to_thread(until, lambda: host.watched)
         host.publish("setup", b"scene", keep=True)
@@ -86,7 +76,7 @@ def test_the_state_of_a_session_is_pushed_to_the_pages_and_ends_with_it(host: Ho
     host.status(STATUS)
 
     async def use() -> None:
-        label = Bound()
+        label = SimpleNamespace(text="")
         bind_from(label, "text", link, "status", lambda now: str(now.people))
         assert (link.job, link.status, label.text) == (None, SessionStatus(), "[]")
         link.begin(asyncio.get_running_loop())
@@ -135,22 +125,11 @@ def test_a_damaged_message_is_noted_and_the_next_one_taken(host: Host, damaged: 
 def test_a_stranger_at_the_port_or_a_fault_does_not_end_the_link(host: Host, caplog: pytest.LogCaptureFixture) -> None:
     jobs = OneJob(host)
     good = jobs.address("1")
-    faults: list[Any] = [RuntimeError("a fault"), SessionAddress(port=good.port, key=b"another key"), good]
-
-    def address(job: str) -> SessionAddress:
-        now = faults.pop(0) if len(faults) > 1 else faults[0]
-        if isinstance(now, Exception):
-            raise now
-        return now
-
-    jobs.address = address
+    faults = [RuntimeError("a fault"), SessionAddress(port=good.port, key=b"another key")]
+    jobs.address = Mock(side_effect=itertools.chain(faults, itertools.repeat(good)))
     link = LiveLink(jobs)
     host.status(STATUS)
-
-    async def use() -> None:
-        await asyncio.to_thread(until, lambda: link.status.people)
-
-    in_loop(link, use)
+    in_loop(link, lambda: asyncio.to_thread(until, lambda: link.status.people))
     assert "a fault" in caplog.text and "AuthenticationError" in caplog.text
 
 
@@ -158,16 +137,16 @@ def test_a_damaged_request_does_not_end_the_session_or_the_next_request() -> Non
     asked: list[str] = []
     host = Host({"record": lambda name: asked.append(name)})
     with Client(("127.0.0.1", host.address.port), authkey=host.address.key) as server:
-        for raw in (
+        damaged = (
             pickle.dumps(("record", Trap())),
             b"{",
             b'["record"]',
             b'["record", {}]',
             b'["watch", {}]',
             b'["watch", {"on": []}]',
-        ):
+        )
+        for raw in (*damaged, b'["record", {"name": "walk"}]'):
             server.send_bytes(raw)
-        server.send_bytes(b'["record", {"name": "walk"}]')
         until(lambda: asked)
     assert asked == ["walk"] and Trap.ran == []
 

@@ -4,6 +4,8 @@ import asyncio
 import base64
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
+from unittest.mock import Mock
 
 import cv2
 import numpy as np
@@ -18,17 +20,9 @@ import posefuse as pf
 from posefuse.core import ConfigError, Rig
 from posefuse.formats.video import VideoWriter
 from posefuse.foundation.settings import settings_from_mapping
+from posefuse_sim import rig_plan
+from posefuse_sim.build import live_scene
 from posefuse_sim.cameras import PlacedCamera, placed_cameras
-from posefuse_sim.rig_plan import (
-    camera_of,
-    first_plan,
-    free_camera_name,
-    plan_rig,
-    rig_of_scene,
-    with_camera,
-    with_test_walk,
-    without_camera,
-)
 from posefuse_sim.scene import Scene, check_scene, plain_settings, read_scene, scene_text
 from posefuse_studio.app import add_routes
 from posefuse_studio.jobs import JOBS_FOLDER
@@ -83,8 +77,8 @@ def test_the_room_map_is_inverse_and_stays_inside() -> None:
 
 
 def test_the_map_is_brighter_where_the_rig_is_more_exact() -> None:
-    scene, room = first_plan(), RoomMap((7.0, 7.0))
-    plan = plan_rig(rig_of_scene(scene), room.size_m, step_m=0.5)
+    scene, room = rig_plan.first_plan(), RoomMap((7.0, 7.0))
+    plan = rig_plan.plan_rig(rig_plan.rig_of_scene(scene), room.size_m, step_m=0.5)
     floor = error_map(plan)
     # a pixel a place of the plan, which begins at the near side
     brightness = cv2.cvtColor(floor, cv2.COLOR_BGR2GRAY)[::-1]
@@ -100,7 +94,7 @@ def test_the_map_is_brighter_where_the_rig_is_more_exact() -> None:
 
 
 def test_a_camera_is_found_where_it_is_drawn() -> None:
-    room, cameras = RoomMap((7.0, 7.0)), placed_cameras(first_plan().cameras)
+    room, cameras = RoomMap((7.0, 7.0)), placed_cameras(rig_plan.first_plan().cameras)
     for camera in cameras:
         assert nearest_camera(cameras, *room.px(*camera.position_m[:2]), room) == camera.name
     assert nearest_camera(cameras, *room.px(0, 0), room) == ""
@@ -108,27 +102,25 @@ def test_a_camera_is_found_where_it_is_drawn() -> None:
 
 
 def test_a_plan_is_changed_camera_by_camera() -> None:
-    scene = first_plan(4)
-    name = free_camera_name(scene)
-    more = with_camera(scene, PlacedCamera(name=name, position_m=(0.0, -3.0, 2.0)))
-    moved = with_camera(more, PlacedCamera(name=name, position_m=(1.0, -3.0, 2.0)))
-    assert camera_of(moved, name).position_m == (1.0, -3.0, 2.0)
-    assert without_camera(moved, name) == scene
-    refusal(ConfigError, "own position", lambda: with_camera(scene, PlacedCamera(name=name, position_m=(0.0, 0.0, 1.0))))
+    scene = rig_plan.first_plan(4)
+    name = rig_plan.free_camera_name(scene)
+    more = rig_plan.with_camera(scene, PlacedCamera(name=name, position_m=(0.0, -3.0, 2.0)))
+    moved = rig_plan.with_camera(more, PlacedCamera(name=name, position_m=(1.0, -3.0, 2.0)))
+    assert rig_plan.camera_of(moved, name).position_m == (1.0, -3.0, 2.0)
+    assert rig_plan.without_camera(moved, name) == scene
+    refusal(ConfigError, "own position", lambda: rig_plan.with_camera(scene, PlacedCamera(name=name, position_m=(0.0, 0.0, 1.0))))
     only = scene
     for camera in placed_cameras(scene.cameras)[1:]:
-        only = without_camera(only, camera.name)
-    refusal(ConfigError, "needs a camera", without_camera, only, "cam00")
+        only = rig_plan.without_camera(only, camera.name)
+    refusal(ConfigError, "needs a camera", rig_plan.without_camera, only, "cam00")
 
 
 def test_a_kept_plan_is_a_scene_file_that_can_be_rendered(tmp_path: Path) -> None:
-    scene = with_test_walk(first_plan(), 2.0)
+    scene = rig_plan.with_test_walk(rig_plan.first_plan(), 2.0)
     (tmp_path / "plan.yaml").write_text(scene_text(scene), encoding="utf-8")
     read = read_scene(tmp_path / "plan.yaml")
     assert read == scene == settings_from_mapping(plain_settings(scene), Scene, where="plan")
     check_scene(read)
-    from posefuse_sim.build import live_scene
-
     live_scene(read)  # cameras inside the room, no person walks through a wall or a camera
 
 
@@ -151,9 +143,7 @@ NO_FILES = ("../secret.txt", "/etc/passwd", "link", "nowhere.html", "x" * 300, "
 
 
 @pytest.mark.parametrize("name", NO_FILES, ids=range(len(NO_FILES)))
-def test_no_file_outside_the_workspace_or_of_its_jobs_is_fetched(
-    client: TestClient, workspace: StudioWorkspace, name: str
-) -> None:
+def test_no_file_outside_the_workspace_or_of_its_jobs_is_fetched(client: TestClient, workspace, name: str) -> None:
     secret, state = workspace.root.parent / "secret.txt", workspace.folder(JOBS_FOLDER) / "a"
     for file in (secret, state):
         file.write_text("what no page shows")
@@ -171,26 +161,39 @@ def test_a_page_of_the_workspace_can_do_nothing_to_the_studio(client: TestClient
     assert client.get("/studio/file", params={"name": "result/rig.toml"}).headers["content-disposition"].startswith("attachment")
 
 
-def test_the_player_shows_the_moment_that_was_asked_for_last(workspace: StudioWorkspace) -> None:
-    opened, stream, sent = open_recording(workspace.path("result"), workspace.root), Stream(), []
-    stream.publish = lambda key, message, keep=False: sent.append((key, message))
+async def idle(player: ResultPlayer) -> None:
+    while player._busy:
+        await asyncio.sleep(0.01)
 
-    async def use() -> None:
+
+def played(workspace: StudioWorkspace, use: Callable, publish: Callable[[Any, bytes], object]) -> None:
+    """Use a player of the result, which publishes its messages so."""
+    opened, stream = open_recording(workspace.path("result"), workspace.root), Stream()
+    stream.publish = lambda key, message, keep=False: publish(key, message)
+
+    async def main() -> None:
         player = ResultPlayer(opened, stream)
         player.start()
-        for i in (3, 25, 11):
-            player.seek(i * PERIOD_NS / 1e9)
-        while player._busy:
-            await asyncio.sleep(0.01)
-        player.step(2)
-        assert player.t_s == pytest.approx(13 * PERIOD_NS / 1e9)
-        while player._busy:
-            await asyncio.sleep(0.01)
-        player.seek(999.0)
-        assert player.t_s == player.end_s
+        await use(player)
         player.close()
 
-    asyncio.run(use())
+    asyncio.run(main())
+
+
+def test_the_player_shows_the_moment_that_was_asked_for_last(workspace: StudioWorkspace) -> None:
+    sent: list[tuple[object, bytes]] = []
+
+    async def use(player: ResultPlayer) -> None:
+        for i in (3, 25, 11):
+            player.seek(i * PERIOD_NS / 1e9)
+        await idle(player)
+        player.step(2)
+        assert player.t_s == pytest.approx(13 * PERIOD_NS / 1e9)
+        await idle(player)
+        player.seek(999.0)
+        assert player.t_s == player.end_s
+
+    played(workspace, use, lambda key, message: sent.append((key, message)))
     images = [read_message(message) for key, message in sent if key == ("image", 2)]
     assert all(one["kind"] == "image" for one in images)
     times = [round(one["t_s"] * 1e9 / PERIOD_NS) for one in images]
@@ -206,28 +209,21 @@ def test_a_recording_begins_where_there_are_images_and_states_where_there_are_no
     with VideoWriter(video, SIZE_WH, 30.0, crf=5) as writer:
         for i in range(late, COUNT):
             writer.write(np.full((SIZE_WH[1], SIZE_WH[0], 3), grey(1, i), np.uint8), i * PERIOD_NS)
-    opened, stream = open_recording(workspace.path("result"), workspace.root), Stream()
     sent: dict[object, bytes] = {}
-    stream.publish = lambda key, message, keep=False: sent.update({key: message})
 
-    async def use() -> None:
-        player = ResultPlayer(opened, stream)
-        player.start()
+    async def use(player: ResultPlayer) -> None:
         assert player.t_s == pytest.approx(late * PERIOD_NS / 1e9)
-        while player._busy:
-            await asyncio.sleep(0.01)
+        await idle(player)
         assert read_message(sent["image", 1])["file"].startswith(b"\xff\xd8")
         player.seek(0.0)
-        while player._busy:
-            await asyncio.sleep(0.01)
+        await idle(player)
         # the image of another time would be taken for that of this one
         empty = read_message(sent["image", 1])
         names = ("camera", "width", "height", "detections", "people", "keypoints", "file")
         assert [empty[name] for name in names] == [1, *SIZE_WH, 0, 0, 0, b""]
         assert read_message(sent["image", 0])["file"].startswith(b"\xff\xd8")
-        player.close()
 
-    asyncio.run(use())
+    played(workspace, use, sent.__setitem__)
 
 
 def test_videos_outside_the_workspace_are_not_shown(workspace: StudioWorkspace) -> None:
@@ -238,17 +234,13 @@ def test_videos_outside_the_workspace_are_not_shown(workspace: StudioWorkspace) 
 
 
 def test_jobs_write_into_the_workspace(workspace: StudioWorkspace) -> None:
-    stages: list[str] = []
-    progress = lambda stage, done, total, message="": stages.append(stage)  # noqa: E731
-    files = recordings.export_job({"result": "result", "out": "exports/walk", "formats": ["trc", "csv"]}, workspace, progress)[
-        "files"
-    ]
+    progress, export = Mock(), {"result": "result", "out": "exports/walk", "formats": ["trc", "csv"]}
+    files = recordings.export_job(export, workspace, progress)["files"]
     assert {Path(name).suffix for name in files} >= {".trc", ".csv"}
-    assert all(workspace.existing(name).is_file() for name in files)
     done = recordings.compare_job({"a": "result", "b": "result", "out": "comparisons/same"}, workspace, progress)
     assert done["mean_mm"] == pytest.approx(0.0, abs=1e-6)
-    assert workspace.existing(done["page"]).is_file()
-    assert stages
+    assert all(workspace.existing(name).is_file() for name in (*files, done["page"]))
+    assert progress.called
 
 
 def test_a_report_job_replaces_its_own_report(workspace: StudioWorkspace, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -258,6 +250,5 @@ def test_a_report_job_replaces_its_own_report(workspace: StudioWorkspace, monkey
 
     monkeypatch.setattr("posefuse.pipeline.reports.write_biomechanics", written)
     for _ in range(2):
-        assert recordings.report_job({"result": "result"}, workspace, lambda *_: None) == {
-            "page": "result/biomechanics/report.html"
-        }
+        made = recordings.report_job({"result": "result"}, workspace, lambda *_: None)
+        assert made == {"page": "result/biomechanics/report.html"}

@@ -1,7 +1,6 @@
 """Cameras that are only looked at are given free when no page shows them."""
 
 import time
-from typing import Any
 
 import pytest
 
@@ -21,47 +20,22 @@ class Feed(CameraFeed):
         super().__init__([LiveInput(name, "none", None, reopen=True) for name in ("a", "b")])
         self.checks = 0
 
-    def begin(self, videos: Any) -> None:
-        """Nothing."""
-
-    close = lambda self: None  # noqa: E731
-
     def check(self) -> None:
         """Counts as a round of the loop."""
         self.checks += 1
 
-    def newest(self) -> list[Any]:
-        """None."""
-        return []
-
-    def states(self) -> list[Any]:
-        """None."""
-        return []
-
+    begin = close = lambda *_: None
     # of a machine so slow that news of the cameras are due
-    came = states
-
-
-class Shown:
-    """The host of a page that is shown for some rounds."""
-
-    def __init__(self, feed: Feed, rounds: int) -> None:
-        self._feed, self._rounds = feed, rounds
-
-    @property
-    def watched(self) -> bool:
-        """In the first rounds."""
-        return self._feed.checks < self._rounds
-
-    def status(self, values: Any) -> None:
-        """Nothing."""
+    newest = states = came = lambda self: []
 
 
 def watched(record: str, rounds: int, monkeypatch: pytest.MonkeyPatch) -> Feed:
+    """Cameras that are looked at until that ends, on a page that is shown in so many rounds of the loop."""
     monkeypatch.setattr(watch, "_UNSEEN_S", SOON_S)
     feed = Feed()
     one = watch._Watch(feed, False, record, "extrinsics", False)
-    one.host = Shown(feed, rounds)
+    shown = property(lambda _: feed.checks < rounds)
+    one.host = type("Host", (), {"watched": shown, "status": lambda self, values: None})()
     one.run(None)
     return feed
 

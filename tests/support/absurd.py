@@ -2,9 +2,10 @@
 
 from collections.abc import Sequence
 
+import built
 import numpy as np
 
-from posefuse.core import SKELETONS, Detections2D
+from posefuse.core import SKELETONS
 from posefuse.core.skeleton import BLAZEPOSE33
 from posefuse_ros.messages import message_from_detections
 from posefuse_ros.types import encode
@@ -17,10 +18,8 @@ def absurd_message(rng: np.random.Generator, cameras: Sequence[str], t_ns: int, 
     xy, score = rng.normal(size=(*shape, 2)) * scale, rng.uniform(0, 1, shape)
     if rng.random() < 0.3:
         xy, score = np.full_like(xy, np.nan), np.zeros_like(score)
-    view = Detections2D(
-        camera=str(rng.choice([*cameras, "elsewhere"])), t_ns=t_ns, skeleton=skeleton, xy_img=xy, score=score,
-        sigma_px=10.0 ** rng.uniform(-30, 30, shape), box_img=rng.normal(size=(shape[0], 4)) * scale,
-    )  # fmt: skip
+    known = {"score": score, "sigma_px": 10.0 ** rng.uniform(-30, 30, shape), "box_img": rng.normal(size=(shape[0], 4)) * scale}
+    view = built.detections(str(rng.choice([*cameras, "elsewhere"])), xy, t_ns, skeleton=skeleton, **known)
     msg = message_from_detections(view, {"received": received_ns, "started": 0, "detected": 2**60})
     if rng.random() < 0.3:
         msg.people = int(rng.integers(0, 2**32))

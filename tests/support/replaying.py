@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from posefuse.core import Detections2D, InputError, LiveJointCentres, Pose3D, Rig
+from posefuse.core import Detections2D, LiveJointCentres, Pose3D, Rig
 from posefuse.foundation.settings import settings_from_mapping
 from posefuse.realtime.config import LiveConfig
 from posefuse.realtime.estimator import Estimator, warmed_up
@@ -21,26 +19,12 @@ from posefuse_ros.mcap_output import NOTES
 from posefuse_ros.messages import detections_from_message, pose_from_message
 
 
-@dataclass(frozen=True)
-class Provenance:
-    """How a session was recorded: its cameras in their order, the rig's content hash, and all settings."""
-
-    cameras: tuple[str, ...]
-    rig_id: str
-    config: LiveConfig
-
-
-def read_provenance(path: Path) -> Provenance | None:
-    """What `notes_of` left in a recording; None where there is nothing. Raises InputError for settings of another version."""
-    notes: Mapping[str, str] | None = read_notes(path, NOTES)
-    if notes is None:
-        return None
-    try:
-        cameras, rig_id, settings = json.loads(notes["cameras"]), notes["rig_id"], json.loads(notes["settings"])
-    except (KeyError, ValueError) as error:
-        raise InputError(f"{path}: its notes on how it was made cannot be read ({error})") from None
-    config = settings_from_mapping(settings, LiveConfig, where=f"{path}, made with posefuse {notes.get('posefuse', '?')}")
-    return Provenance(tuple(cameras), rig_id, config)
+def provenance_of(path: Path) -> tuple[tuple[str, ...], str, LiveConfig]:
+    """What `notes_of` left in a recording: its cameras in their order, the rig's content hash, and all settings."""
+    notes = read_notes(path, NOTES)
+    assert notes is not None
+    config = settings_from_mapping(json.loads(notes["settings"]), LiveConfig, where=str(path))
+    return tuple(json.loads(notes["cameras"])), notes["rig_id"], config
 
 
 def replayed(path: Path, rig: Rig, config: LiveConfig, warn: Warn | None = None) -> Any:
@@ -68,18 +52,14 @@ def replayed(path: Path, rig: Rig, config: LiveConfig, warn: Warn | None = None)
 
 def difference_m(one: Pose3D, two: Pose3D) -> float:
     """Largest distance of a keypoint; infinite where only one of them has it."""
-    if not np.array_equal(one.person_id, two.person_id):
+    known = [np.isfinite(pose.xyz_world).all(axis=-1) for pose in (one, two)]
+    if not (np.array_equal(one.person_id, two.person_id) and np.array_equal(*known)):
         return float("inf")
-    known = np.isfinite(one.xyz_world).all(axis=-1)
-    if not np.array_equal(known, np.isfinite(two.xyz_world).all(axis=-1)):
-        return float("inf")
-    apart = np.linalg.norm(one.xyz_world[known] - two.xyz_world[known], axis=-1)
-    return float(apart.max(initial=0.0))
+    return float(np.linalg.norm(one.xyz_world[known[0]] - two.xyz_world[known[1]], axis=-1).max(initial=0.0))
 
 
 def replay(path: Path, rig: Rig, warn: Warn | None = None) -> tuple[int, int]:
     """How many poses a recording has, and how many of them a new tracker with the recording's own settings repeats."""
-    made = read_provenance(path)
-    assert made is not None
-    pairs = list(replayed(path, rig.only(made.cameras), made.config, warn))
+    cameras, _, config = provenance_of(path)
+    pairs = list(replayed(path, rig.only(cameras), config, warn))
     return len(pairs), sum(difference_m(recorded, again) == 0 for recorded, again in pairs)

@@ -33,24 +33,14 @@ def alone(tmp_path):
     if made.returncode:
         pytest.skip(f"no network namespaces ({made.stderr.strip()})")
     subprocess.run(["ip", "-n", name, "link", "set", "lo", "up"], check=True, timeout=120)
-    ros = {
-        "ROS_MASTER_URI": "http://127.0.0.1:11311",
-        "ROS_IP": "127.0.0.1",
-        "ROS_HOME": str(tmp_path),
-        "ROS_LOG_DIR": str(tmp_path),
-    }
-    running = []
+    ros = {"ROS_MASTER_URI": "http://127.0.0.1:11311", "ROS_IP": "127.0.0.1"} | dict.fromkeys(
+        ("ROS_HOME", "ROS_LOG_DIR"), str(tmp_path)
+    )
+    pipes, running = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True}, []
 
     def start(*command):
-        process = subprocess.Popen(
-            ["ip", "netns", "exec", name, *map(str, command)],
-            env=os.environ | ros,
-            stdout=subprocess.PIPE,
-            stderr=subprocess.PIPE,
-            text=True,
-        )
-        running.append(process)
-        return process
+        running.append(subprocess.Popen(["ip", "netns", "exec", name, *map(str, command)], env=os.environ | ros, **pipes))
+        return running[-1]
 
     yield start
     for process in reversed(running):

@@ -17,9 +17,6 @@ SEQUENCES = {"point": 40, "own": 16, "fixed": 16, "two arms": 8}
 
 @pytest.mark.parametrize("robot", STANDS)
 def test_no_sequence_breaks_a_limit_and_the_robot_moves(robot):
-    if robot != "point":
-        pytest.importorskip("mujoco")
-        pytest.importorskip("daqp")
     done = run_many(0, SEQUENCES[robot], robot)
     assert not done.breaches and done.moved >= 0.9 * SEQUENCES[robot]
 
@@ -65,8 +62,6 @@ JOINT_GUARDS = {
 @pytest.mark.parametrize("guard", JOINT_GUARDS)
 def test_the_judge_sees_joints_that_are_not_limited(guard):
     """Judged by narrower limits than the robot has."""
-    pytest.importorskip("mujoco")
-    pytest.importorskip("daqp")
     roomy = settings_for("own", roomy=True)
     narrow = replace(roomy, limits=replace(roomy.limits, **JOINT_GUARDS[guard]))
     done = run_many(0, 12, "own", roomy, narrow)

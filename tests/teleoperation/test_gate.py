@@ -22,7 +22,7 @@ BODY_XYZ = person_view(HAND, 0).body_xyz_world
 
 
 class Run:
-    """Operator and robot step by step; `change` alters what the operator's side is given."""
+    """Operator and robot step by step; `change`, and fields of the view, `robot` and `cameras`, alter what the operator gets."""
 
     def __init__(self, settings=SETTINGS):
         self.settings, self.now_ns, self.seq = settings, 10**12, 0
@@ -30,14 +30,15 @@ class Run:
         self.driver = Driver(self.robot, settings)
         self.state, self.operator, self.order = replace(self.driver.state, sent_ns=self.now_ns), Operator(), None
 
-    def tick(self, times=1, *, held=True, change=lambda news: news, hand=HAND, shift_m=0.0, **view):
+    def tick(self, times=1, *, held=True, change=lambda news: news, hand=HAND, shift_m=0.0, robot=None, cameras=None, **view):
         for _ in range(times):
             self.now_ns, self.seq = self.now_ns + TICK_NS, self.seq + 1
             # a hand never stands to the last bit
             seen = replace(person_view(hand + 1e-5 * np.sin(self.seq), self.now_ns - TICK_NS, shift_m=shift_m), **view)
             heartbeats = (Beat(seq=self.seq, sent_ns=self.now_ns),) if held else ()
-            cameras = CameraReport(t_ns=self.now_ns, healthy=4, total=4)
-            news = change(OperatorNews(view=seen, heartbeats=heartbeats, cameras=cameras, robot=self.state))
+            report = CameraReport(**{"t_ns": self.now_ns, "healthy": 4, "total": 4, **(cameras or {})})
+            state = replace(self.state, **(robot or {}))
+            news = change(OperatorNews(view=seen, heartbeats=heartbeats, cameras=report, robot=state))
             self.operator, self.order = step_operator(self.operator, news, self.now_ns, self.settings)
             self.state = self.driver.step([self.order] if self.order else [], self.now_ns)
         return self.phase
@@ -66,7 +67,7 @@ class Run:
 @pytest.mark.parametrize(("healthy", "phase"), [(0, Phase.IDLE), (1, Phase.READY)])
 def test_one_camera_is_enough_where_the_settings_say_so(healthy, phase):
     run = Run(settings=replace(SETTINGS, gate=replace(SETTINGS.gate, least_cameras=1)))
-    assert run.tick(15, held=False, change=lambda news: replace(news, cameras=replace(news.cameras, healthy=healthy))) is phase
+    assert run.tick(15, held=False, cameras={"healthy": healthy}) is phase
 
 
 def test_engaging_needs_a_switch_that_was_let_go_first():
@@ -91,9 +92,9 @@ CAUSES = {
     "other hand missing": {"other_xyz_world": np.full((1, 3), np.nan)},
     "hand too fast": {"hand": HAND + [0.07, 0, 0]},
     "near the robot": {"body_xyz_world": np.where([[name == "left_knee"] for name in BODY], [1.6, 0.0, 0.8], BODY_XYZ)},
-    "no cameras": {"change": lambda news: replace(news, cameras=replace(news.cameras, healthy=1))},
-    "more cameras than there are": {"change": lambda news: replace(news, cameras=replace(news.cameras, healthy=5))},
-    "not finite robot": {"change": lambda news: replace(news, robot=replace(news.robot, xyz_world=np.full((1, 3), np.nan)))},
+    "no cameras": {"cameras": {"healthy": 1}},
+    "more cameras than there are": {"cameras": {"healthy": 5}},
+    "not finite robot": {"robot": {"xyz_world": np.full((1, 3), np.nan)}},
 }
 
 
@@ -141,20 +142,18 @@ def test_another_body_or_hand_ends_the_engagement_even_for_one_pose_and_a_press_
     assert press.tick(60) is Phase.IDLE
 
 
-def test_what_stops_coming_holds_when_it_is_too_old():
-    for missing, longest in (("view", 13), ("cameras", 101), ("robot", 11)):
-        run = Run().engaged()
-        run.tick(longest, change=lambda news, name=missing: replace(news, **{name: None}))
-        assert run.phase is Phase.HOLD, missing
-        run.tick(60, change=lambda news, name=missing: replace(news, **{name: None}))
-        assert run.phase is Phase.IDLE, missing
+@pytest.mark.parametrize(("missing", "longest"), [("view", 13), ("cameras", 101), ("robot", 11)])
+def test_what_stops_coming_holds_when_it_is_too_old(missing, longest):
+    run = Run().engaged()
+    for times, phase in ((longest, Phase.HOLD), (60, Phase.IDLE)):
+        assert run.tick(times, change=lambda news: replace(news, **{missing: None})) is phase
 
 
-def test_the_clock_may_neither_stall_nor_go_back():
-    for jump_ns in (-1, 200_000_000, 3600 * 10**9):
-        run = Run().engaged()
-        run.now_ns += jump_ns - TICK_NS
-        assert run.tick() is not Phase.ENGAGED
+@pytest.mark.parametrize("jump_ns", [-1, 200_000_000, 3600 * 10**9])
+def test_the_clock_may_neither_stall_nor_go_back(jump_ns):
+    run = Run().engaged()
+    run.now_ns += jump_ns - TICK_NS
+    assert run.tick() is not Phase.ENGAGED
 
 
 def test_poses_that_repeat_to_the_last_bit_are_frozen():
@@ -166,28 +165,25 @@ def test_poses_that_repeat_to_the_last_bit_are_frozen():
 
 def test_doubt_slows_before_it_stops():
     run = Run().engaged()
-    run.tick(sigma_m=np.array([0.045]))
-    assert run.phase is Phase.ENGAGED and run.order.speed_mps == pytest.approx(0.25)
-    run.tick(views=np.array([2]))
-    assert run.order.speed_mps == pytest.approx(0.25)
-    run.tick(change=lambda news: replace(news, cameras=replace(news.cameras, healthy=3)))
-    assert run.order.speed_mps == pytest.approx(0.375)
-    run.tick()
-    assert run.order.speed_mps == pytest.approx(0.5)
+    doubts = (
+        ({"sigma_m": np.array([0.045])}, 0.25),
+        ({"views": np.array([2])}, 0.25),
+        ({"cameras": {"healthy": 3}}, 0.375),
+        ({}, 0.5),
+    )
+    for doubt, speed_mps in doubts:
+        assert run.tick(**doubt) is Phase.ENGAGED and run.order.speed_mps == pytest.approx(speed_mps)
 
 
-def test_faults_and_the_emergency_stop_are_left_by_a_reset_only():
-    for fault in (
-        lambda news: replace(news, emergency=True),
-        lambda news: replace(news, robot=replace(news.robot, fault="brake")),
-    ):
-        run = Run().engaged()
-        assert run.tick(change=fault) is Phase.STOPPED
-        assert run.tick(30, held=False) is Phase.STOPPED
-        assert run.tick(5, change=lambda news: replace(news, reset=True)) is Phase.STOPPED  # held
-        run.tick(20, held=False)
-        assert run.tick(held=False, change=lambda news: replace(news, reset=True)) is Phase.IDLE
-        assert run.pressed_again() is Phase.ENGAGED
+@pytest.mark.parametrize("fault", [{"change": lambda news: replace(news, emergency=True)}, {"robot": {"fault": "brake"}}])
+def test_faults_and_the_emergency_stop_are_left_by_a_reset_only(fault):
+    run, reset = Run().engaged(), lambda news: replace(news, reset=True)
+    assert run.tick(**fault) is Phase.STOPPED
+    assert run.tick(30, held=False) is Phase.STOPPED
+    assert run.tick(5, change=reset) is Phase.STOPPED  # held
+    run.tick(20, held=False)
+    assert run.tick(held=False, change=reset) is Phase.IDLE
+    assert run.pressed_again() is Phase.ENGAGED
 
 
 def test_the_robot_must_stand_before_it_engages():
@@ -195,7 +191,7 @@ def test_the_robot_must_stand_before_it_engages():
     for speed_mps, phase in ((0.0011, Phase.READY), (0.0009, Phase.ENGAGED)):
         run, velocity = Run(), np.array([[0.0, speed_mps, 0.0]])
         run.tick(30, held=False)
-        assert run.tick(30, change=lambda news, v=velocity: replace(news, robot=replace(news.robot, velocity_world=v))) is phase
+        assert run.tick(30, robot={"velocity_world": velocity}) is phase
 
 
 def test_all_must_be_well_for_a_tenth_of_a_second_before_it_continues():
@@ -215,11 +211,11 @@ def test_all_must_be_well_for_a_tenth_of_a_second_before_it_continues():
 def test_the_robot_must_stand_before_it_continues():
     run, moving = Run().engaged(), np.array([[0.0, 0.1, 0.0]])
     run.tick(1, person_id=-1)
-    assert run.tick(40, change=lambda news: replace(news, robot=replace(news.robot, velocity_world=moving))) is Phase.HOLD
+    assert run.tick(40, robot={"velocity_world": moving}) is Phase.HOLD
     assert run.tick() is Phase.ENGAGED
     # a robot that does not stand in time needs a new press, although all else has been well meanwhile
     run.tick(1, person_id=-1)
-    run.tick(60, change=lambda news: replace(news, robot=replace(news.robot, velocity_world=moving)))
+    run.tick(60, robot={"velocity_world": moving})
     assert run.tick(30) is Phase.IDLE
     both = Run()
     both.tick(30, held=False)
@@ -227,7 +223,7 @@ def test_the_robot_must_stand_before_it_continues():
     one_moves = {name: np.vstack([value] * 2) for name, value in (("xyz_world", np.zeros((1, 3))), ("wxyz", [[1.0, 0, 0, 0]]))}
     still = np.zeros((2, 3))
     one_moves |= {"measured_xyz_world": still, "turn_rate_world": still, "velocity_world": np.vstack([0 * moving, moving])}
-    assert both.tick(30, change=lambda news: replace(news, robot=replace(news.robot, **one_moves))) is Phase.READY
+    assert both.tick(30, robot=one_moves) is Phase.READY
 
 
 def test_a_late_pose_is_no_other_body():
@@ -247,7 +243,7 @@ def test_what_is_allowed_at_most():
         "forearm": {"forearm_m": np.array([0.345])},
         "sigma": {"sigma_m": np.array([0.0599])},
         "other hand": {"other_xyz_world": HAND[None] + [0, 0.101, 0]},
-        "cameras": {"change": lambda news: replace(news, cameras=replace(news.cameras, healthy=2, total=2))},
+        "cameras": {"cameras": {"healthy": 2, "total": 2}},
     }
     for name, view in allowed.items():
         assert run.tick(1, **view) is Phase.ENGAGED, name
@@ -274,17 +270,13 @@ def test_an_order_without_hands_is_answered():
 def test_heartbeats_that_do_not_count(wrong):
     run = Run().engaged()
     seq, sent_ns = run.seq, run.now_ns
-
-    def heartbeats(news):
-        fake = {
-            "duplicate": Beat(seq=seq, sent_ns=run.now_ns),
-            "late": Beat(seq=run.seq, sent_ns=run.now_ns - 101_000_000),
-            "future": Beat(seq=run.seq, sent_ns=run.now_ns + 1_000_000),
-            "backward": Beat(seq=run.seq, sent_ns=sent_ns - 1),
-        }[wrong]
-        return replace(news, heartbeats=(fake,))
-
-    assert run.tick(12, change=heartbeats) is Phase.HOLD
+    beats = {
+        "duplicate": lambda: Beat(seq=seq, sent_ns=run.now_ns),
+        "late": lambda: Beat(seq=run.seq, sent_ns=run.now_ns - 101_000_000),
+        "future": lambda: Beat(seq=run.seq, sent_ns=run.now_ns + 1_000_000),
+        "backward": lambda: Beat(seq=run.seq, sent_ns=sent_ns - 1),
+    }
+    assert run.tick(12, change=lambda news: replace(news, heartbeats=(beats[wrong](),))) is Phase.HOLD
 
 
 # --- another body under the same id
@@ -299,17 +291,17 @@ def another_body(news, shift_m, size):
     return replace(news, view=replace(view, forearm_m=size * view.forearm_m, **moved))
 
 
+def moved_aside(news):
+    return another_body(news, np.array([0.0, 0.7, 0.0]), 1.0)
+
+
 def exchanged_hands(news):
     view, body = news.view, news.view.body_xyz_world.copy()
     sides = [[BODY.index(f"{side}_{part}") for part in ("elbow", "wrist")] for side in ("left", "right")]
     body[sides[0]], body[sides[1]] = body[sides[1]], body[sides[0]]
-    return replace(
-        news,
-        # with what keeps a hand from being frozen
-        view=replace(
-            view, xyz_world=view.other_xyz_world + (view.xyz_world - HAND), other_xyz_world=view.xyz_world, body_xyz_world=body
-        ),
-    )
+    # with what keeps a hand from being frozen
+    hand = view.other_xyz_world + (view.xyz_world - HAND)
+    return replace(news, view=replace(view, xyz_world=hand, other_xyz_world=view.xyz_world, body_xyz_world=body))
 
 
 def hidden(news, what):
@@ -332,8 +324,7 @@ def assert_never_again_without_a_press(run, change, rng):
     what = rng.choice(["hand", "body", "person"])
     run.tick(lost, change=lambda news: hidden(news, what))
     for _ in range(20):
-        run.tick(change=change)
-        assert run.phase is not Phase.ENGAGED, (lost, what, run.operator.gate)
+        assert run.tick(change=change) is not Phase.ENGAGED, (lost, what, run.operator.gate)
     assert run.phase is Phase.IDLE and run.order.speed_mps == 0.0
 
 
@@ -357,13 +348,14 @@ def test_another_body_under_the_same_id_never_gets_the_robot_without_a_new_press
 def test_another_body_while_the_clock_is_off_does_not_get_it_either(engaged_run, off_s):
     """It comes from afar while no view is of now, and is where the operator was when views count again."""
     run, off_ns = engaged_run.copied(), round(off_s * 1e9)
+
+    def at(x_m):
+        return lambda news: another_body(news, np.array([x_m, 0.0, 0.0]), 1.05)
+
     for k in range(30):
-        stamps = {"t_ns": run.now_ns - off_ns, "measured_ns": run.now_ns - off_ns}
-        away = np.array([0.8 - 0.025 * k, 0.0, 0.0])
-        run.tick(change=lambda news, stamps=stamps, away=away: another_body(
-            replace(news, view=replace(news.view, **stamps)), away, 1.05))  # fmt: skip
-        assert run.phase is not Phase.ENGAGED
-    assert run.tick(40, change=lambda news: another_body(news, np.array([0.05, 0.0, 0.0]), 1.05)) is Phase.IDLE
+        then_ns = run.now_ns - off_ns
+        assert run.tick(change=at(0.8 - 0.025 * k), t_ns=then_ns, measured_ns=then_ns) is not Phase.ENGAGED
+    assert run.tick(40, change=at(0.05)) is Phase.IDLE
 
 
 def test_exchanged_hands_never_get_the_robot_without_a_new_press(engaged_run):
@@ -375,15 +367,9 @@ def test_exchanged_hands_never_get_the_robot_without_a_new_press(engaged_run):
 def test_hands_near_each_other_that_are_exchanged_are_named_so_anywhere_in_the_room(place):
     """Each has moved by no more than a hand may move in one frame, and the trunk stands."""
     trunk, time_ns = np.add(place, [[0.0, 0.2, 0.4], [0.0, -0.2, 0.4], [0.0, 0.1, 0.0], [0.0, -0.1, 0.0]]), np.full(4, 10**9)
-    known = SeenBody(
-        person_id=0,
-        hand_xyz=np.add(place, [[0.4, -0.045, 0.2]]),
-        other_xyz=np.add(place, [[0.4, 0.045, 0.2]]),
-        hand_ns=10**9,
-        trunk_xyz=trunk,
-        trunk_ns=time_ns,
-        lengths_m=np.array([0.26, 0.4]),
-    )
+    hand, other = (np.add(place, [[0.4, y, 0.2]]) for y in (-0.045, 0.045))
+    seen = {"hand_xyz": hand, "other_xyz": other, "hand_ns": 10**9, "trunk_xyz": trunk, "trunk_ns": time_ns}
+    known = SeenBody(person_id=0, **seen, lengths_m=np.array([0.26, 0.4]))
     later = {"hand_ns": known.hand_ns + 33_000_000, "trunk_ns": time_ns + 33_000_000}
     crossed = replace(known, hand_xyz=known.other_xyz, other_xyz=known.hand_xyz, **later)
     found = continuity_finding(known, crossed, TeleoperationSettings().gate)
@@ -399,21 +385,10 @@ def test_hands_exchanged_while_they_touch_do_not_get_it_either():
 
 
 def test_an_exchange_during_another_fault_does_not_get_it_either():
-    faults = {
-        "one camera": lambda news: replace(news, view=replace(news.view, views=[1])),
-        "unsure": lambda news: replace(news, view=replace(news.view, sigma_m=[0.2])),
-        "no cameras": lambda news: replace(news, cameras=replace(news.cameras, healthy=0)),
-        "robot not finite": lambda news: replace(news, robot=replace(news.robot, xyz_world=np.full((1, 3), np.nan))),
-        "no separation": lambda news: news,
-    }
-    for name, fault in faults.items():
+    for name in ("one camera", "unsure", "no cameras", "not finite robot", "no fault"):
         run = Run(ELSEWHERE).engaged()
-
-        def change(news, fault=fault):
-            return another_body(fault(news), np.array([0.0, 0.7, 0.0]), 1.0)
-
-        run.tick(20, change=change)
-        assert run.tick(20, change=lambda news: another_body(news, np.array([0.0, 0.7, 0.0]), 1.0)) is Phase.IDLE, name
+        run.tick(20, change=moved_aside, **CAUSES.get(name, {}))
+        assert run.tick(20, change=moved_aside) is Phase.IDLE, name
 
 
 def test_a_hand_hidden_for_a_moment_may_come_back_where_it_can_have_moved():
@@ -429,26 +404,22 @@ def test_a_hand_hidden_for_a_moment_may_come_back_where_it_can_have_moved():
 def test_heartbeats_that_come_late_are_no_release():
     """Found by the fault bench: with the switch held, late heartbeats looked like a release and the next ones like a press."""
     run = Run(ELSEWHERE).engaged()
-    late = lambda news: replace(another_body(news, np.array([0.0, 0.7, 0.0]), 1.0), heartbeats=late_beats(news))  # noqa: E731
-    run.tick(20, change=late)
-    assert run.phase is Phase.IDLE
-    assert run.tick(40, change=lambda news: another_body(news, np.array([0.0, 0.7, 0.0]), 1.0)) is Phase.IDLE
+
+    def late(news):
+        beats = tuple(replace(beat, sent_ns=beat.sent_ns - 300_000_000) for beat in news.heartbeats)
+        return replace(moved_aside(news), heartbeats=beats)
+
+    assert run.tick(20, change=late) is Phase.IDLE
+    assert run.tick(40, change=moved_aside) is Phase.IDLE
     assert "let the switch go" in run.operator.gate.reason
-
-
-def late_beats(news):
-    return tuple(replace(beat, sent_ns=beat.sent_ns - 300_000_000) for beat in news.heartbeats)
 
 
 def test_a_hand_alone_that_comes_back_elsewhere_is_another_hand():
     """Without a trunk nothing shows whose it is: what explains 0.5 m of a known body, 0.3 s of reaching, does not count."""
-    trunk = [name.endswith(("shoulder", "hip")) for name in BODY]
-    unseen = {"body_measured": ~np.array(trunk)}
+    unseen = {"body_measured": np.array([not name.endswith(("shoulder", "hip")) for name in BODY])}
     run = Run().engaged()
-    run.tick(30, measured=np.array([False]), **unseen)
-    assert run.phase is Phase.HOLD
-    run.tick(1, hand=HAND + [0.5, 0.0, 0.0], **unseen)
-    assert run.phase is Phase.IDLE
+    assert run.tick(30, measured=np.array([False]), **unseen) is Phase.HOLD
+    assert run.tick(1, hand=HAND + [0.5, 0.0, 0.0], **unseen) is Phase.IDLE
 
 
 def test_an_operator_may_walk():

@@ -1,7 +1,5 @@
 """The clutch: no step when it engages, no wind-up, displacement to scale."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
@@ -11,7 +9,7 @@ from posefuse_teleop.settings import LimitSettings, MappingSettings
 
 ROBOT_XYZ, ROBOT_WXYZ = np.array([[1.0, 0.5, 0.7]]), wxyz_from_rotvec(np.array([[0.3, -0.2, 0.4]]))
 HAND, FOREARM = np.array([[0.3, -0.2, 1.1]]), SE3.from_rotvec([0.2, 0.1, -0.3], np.zeros(3)).matrix()[None]
-FREE = LimitSettings()
+FREE, ENGAGED = LimitSettings(), engaged(HAND, FOREARM, ROBOT_XYZ, ROBOT_WXYZ)
 
 
 def stepped(clutch, hand, rotation=FOREARM, robot=ROBOT_XYZ, limits=FREE, **mapping):
@@ -22,20 +20,20 @@ def stepped(clutch, hand, rotation=FOREARM, robot=ROBOT_XYZ, limits=FREE, **mapp
 @pytest.mark.parametrize("scale", [0.01, 0.5, 1.0, 3.0, 10.0])
 @pytest.mark.parametrize("orientation", ["none", "forearm"])
 def test_engaging_moves_nothing_at_any_scale(scale, orientation):
-    clutch = stepped(engaged(HAND, FOREARM, ROBOT_XYZ, ROBOT_WXYZ), HAND, scale=scale, orientation=orientation)
+    clutch = stepped(ENGAGED, HAND, scale=scale, orientation=orientation)
     assert np.abs(clutch.xyz - ROBOT_XYZ).max() < 1e-15
     assert np.linalg.norm(rotvec_between(ROBOT_WXYZ[0], clutch.wxyz[0])) < 1e-9
 
 
 def test_engaging_again_elsewhere_moves_nothing():
-    clutch = stepped(engaged(HAND, FOREARM, ROBOT_XYZ, ROBOT_WXYZ), HAND + 0.1)
+    clutch = stepped(ENGAGED, HAND + 0.1)
     again = stepped(engaged(HAND - 0.4, FOREARM, clutch.xyz, clutch.wxyz), HAND - 0.4, scale=2.5)
     assert np.abs(again.xyz - clutch.xyz).max() < 1e-15
 
 
 def test_the_displacement_counts_to_scale_and_turned_about_the_vertical():
     move = np.array([[0.1, 0.02, -0.05]])
-    clutch = stepped(engaged(HAND, FOREARM, ROBOT_XYZ, ROBOT_WXYZ), HAND + move, scale=0.5, turn_deg=90.0)
+    clutch = stepped(ENGAGED, HAND + move, scale=0.5, turn_deg=90.0)
     assert clutch.xyz - ROBOT_XYZ == pytest.approx(np.array([[-0.01, 0.05, -0.025]]), abs=1e-12)
 
 
@@ -52,7 +50,7 @@ def test_moving_the_operator_in_the_room_changes_nothing():
 
 def test_a_wall_holds_the_target_and_winds_nothing_up():
     limits = LimitSettings(box_low_m=(0.0, 0.0, 0.0), box_high_m=(1.2, 1.0, 1.0))
-    clutch = engaged(HAND, FOREARM, ROBOT_XYZ, ROBOT_WXYZ)
+    clutch = ENGAGED
     for far in (0.1, 0.5, 0.9):
         clutch = stepped(clutch, HAND + [far, 0.0, 0.0], limits=limits)
         assert clutch.xyz[0, 0] <= 1.2
@@ -62,20 +60,20 @@ def test_a_wall_holds_the_target_and_winds_nothing_up():
 
 
 def test_the_target_does_not_run_away_from_a_robot_that_is_slow():
-    clutch = stepped(engaged(HAND, FOREARM, ROBOT_XYZ, ROBOT_WXYZ), HAND + [1.0, 0, 0], lead_m=0.15)
+    clutch = stepped(ENGAGED, HAND + [1.0, 0, 0], lead_m=0.15)
     assert np.linalg.norm(clutch.xyz - ROBOT_XYZ) == pytest.approx(0.15)
     assert stepped(clutch, HAND + [0.9, 0, 0], lead_m=0.15).xyz[0, 0] == pytest.approx(1.05)
 
 
 def test_a_robot_outside_of_the_box_is_not_pulled_in_by_engaging():
     limits = LimitSettings(box_low_m=(0.0, 0.0, 0.0), box_high_m=(0.9, 1.0, 1.0))
-    assert np.array_equal(stepped(engaged(HAND, FOREARM, ROBOT_XYZ, ROBOT_WXYZ), HAND, limits=limits).xyz, ROBOT_XYZ)
+    assert np.array_equal(stepped(ENGAGED, HAND, limits=limits).xyz, ROBOT_XYZ)
 
 
 def test_the_end_effector_turns_as_the_forearm_does():
     turn = np.array([0.1, -0.2, 0.15])
     rotation = SE3.from_rotvec(turn, np.zeros(3)).matrix()[None] @ FOREARM
-    clutch = stepped(engaged(HAND, FOREARM, ROBOT_XYZ, ROBOT_WXYZ), HAND, rotation, orientation="forearm")
+    clutch = stepped(ENGAGED, HAND, rotation, orientation="forearm")
     assert rotvec_between(ROBOT_WXYZ[0], clutch.wxyz[0]) == pytest.approx(turn, abs=1e-9)
     assert np.array_equal(stepped(clutch, HAND, rotation).wxyz, clutch.wxyz)
 
@@ -89,9 +87,7 @@ def test_a_forearm_that_becomes_known_late_turns_nothing_at_first():
 
 
 def test_two_hands_do_not_touch_each_other():
-    both = engaged(np.vstack([HAND, HAND]), np.vstack([FOREARM] * 2), np.vstack([ROBOT_XYZ] * 2), np.vstack([ROBOT_WXYZ] * 2))
-    hands = np.vstack([HAND, HAND + 0.1])
-    after = moved(
-        both, hands, np.vstack([FOREARM] * 2), both.xyz, both.wxyz, mapping=MappingSettings(lead_m=1.0), limits=replace(FREE)
-    )
+    hands, forearms, *robots = (np.vstack([one] * 2) for one in (HAND, FOREARM, ROBOT_XYZ, ROBOT_WXYZ))
+    both = engaged(hands, forearms, *robots)
+    after = moved(both, hands + [[0.0], [0.1]], forearms, both.xyz, both.wxyz, mapping=MappingSettings(lead_m=1.0), limits=FREE)
     assert np.array_equal(after.xyz[0], ROBOT_XYZ[0]) and after.xyz[1] == pytest.approx(ROBOT_XYZ[0] + 0.1)

@@ -5,6 +5,7 @@ import os
 import signal
 import sys
 import time
+from contextlib import closing
 
 import numpy as np
 import pytest
@@ -24,12 +25,9 @@ PLAN = RobotPlan(settings=TeleoperationSettings())
 
 @pytest.fixture
 def link():
-    made = RobotLink(PLAN)
-    try:
+    with closing(RobotLink(PLAN)) as made:
         made.wait_ready()
         yield made
-    finally:
-        made.close()
 
 
 def speed(state):
@@ -74,11 +72,8 @@ def test_a_robot_process_that_is_killed_is_reported(link):
 
 
 def test_a_robot_that_cannot_be_driven_is_reported_in_one_line():
-    made = RobotLink(RobotPlan(settings=TeleoperationSettings(), frames=("tool",)))
-    try:
+    with closing(RobotLink(RobotPlan(settings=TeleoperationSettings(), frames=("tool",)))) as made:
         refusal(ConfigError, "no site 'tool'", made.wait_ready)
-    finally:
-        made.close()
 
 
 @pytest.mark.realtime

@@ -65,15 +65,8 @@ def test_a_robot_that_sends_nothing_is_one_line(alone, ros1_python, tmp_path):
     assert "SourceError robot: nothing of /tf from base_link to tool came within 10 s" in out, err
 
 
-NONE = np.zeros(0)
-JOINT_STATE = message(
-    "sensor_msgs/msg/JointState",
-    header=header(5_000_000_007, "base"),
-    name=["a", "b"],
-    position=np.array([1.0, 2.0]),
-    velocity=NONE,
-    effort=np.array([0.5]),
-)
+STATE = {"name": ["a", "b"], "position": np.array([1.0, 2.0]), "velocity": np.zeros(0), "effort": np.array([0.5])}
+JOINT_STATE = message("sensor_msgs/msg/JointState", header=header(5_000_000_007, "base"), **STATE)
 JOY = message("sensor_msgs/msg/Joy", header=header(1, ""), axes=np.array([0.25], np.float32), buttons=np.array([1, 0], np.int32))
 
 

@@ -1,44 +1,401 @@
-"""Robots over ROS 2, against a node that stands for the robot."""
+"""Robots over ROS 2: what one that is silent, does not follow or loses its driver is sent, and a node that stands for one."""
 
+import signal
+import threading
 import time
+from collections import defaultdict
 from contextlib import contextmanager
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from checks import refusal
+from checks import assert_same, refusal
 from commanded import commanded
 from own_domain import own_domain
 
-pytest.importorskip("cyclonedds")
-pytest.importorskip("mujoco")
-pytest.importorskip("daqp")
-
-from posefuse.core import SE3, ConfigError
+from bench.rehearsal.faults import engaged_world, tick
+from bench.rehearsal.world import settings_for
+from posefuse.core import SE3, ConfigError, MessageError
+from posefuse.foundation.requests_to_end import REQUESTS_TO_END
+from posefuse_ros.bags import Recorder, read_mcap
+from posefuse_ros.dds import Sample
 from posefuse_ros.dds_domain import Network
 from posefuse_ros.messages import header, transform
-from posefuse_ros.topics import TF, Topic
-from posefuse_ros.types import decode, message
-from posefuse_teleop.mujoco_robot import ARM_HOME_RAD, mobile_manipulator
+from posefuse_ros.topics import TF, TF_STATIC, Topic
+from posefuse_ros.types import decode, encode, message
+from posefuse_teleop import process, ros_robot
+from posefuse_teleop.kinematics import Chain
+from posefuse_teleop.mujoco_robot import ARM_HOME_RAD, mobile_manipulator, mujoco_model
 from posefuse_teleop.ros import NAMESPACE, Reporter
-from posefuse_teleop.ros_robot import JOINT_STATES, open_ros_robot
-from posefuse_teleop.settings import RobotSettings, RosPlan, TeleoperationSettings
+from posefuse_teleop.ros_robot import JOINT_STATES, Frames, RosCartesian, RosJoints, open_ros_robot
+from posefuse_teleop.settings import LimitSettings, RobotSettings, RosPlan, TeleoperationSettings
 
+DT_S = 0.01
 PLAN = RosPlan(network=Network(domain_id=own_domain(), local_only=True), cmd_vel="/cmd_vel")
-SETTINGS = TeleoperationSettings(robot=RobotSettings(position_xy_m=(2.0, 0.0), heading_deg=90.0))
 JOINTS = [f"right_j{i}" for i in range(1, 8)]
+PLACE = SE3.from_rotvec([0.0, 0.0, np.pi / 2], [2.0, 0.0, 0.0])
 
 
-def joint_state(q):
-    empty = np.zeros(0)
-    state = header(time.time_ns(), "")
-    return message("sensor_msgs/msg/JointState", header=state, name=JOINTS, position=np.array(q), velocity=empty, effort=empty)
+class Node:
+    """A node without a network: what others send is put into `inbox`, what the robot sends is in `sent`."""
+
+    def __init__(self):
+        self.inbox, self.sent, self.closed = defaultdict(list), [], 0
+
+    def reader(self, topic):
+        def take():
+            found, self.inbox[topic.name] = self.inbox[topic.name], []
+            return found
+
+        return SimpleNamespace(take=take)
+
+    def publish(self, topic, msg, t_ns):
+        assert not self.closed
+        self.sent.append(msg)
+
+    def close(self):
+        self.closed += 1
+
+    def send(self, topic, msg):
+        self.inbox[topic].append(Sample(encode(msg), 0))
+
+
+@pytest.fixture
+def clock(monkeypatch):
+    """Time of the robot's side; goes on where a test says so."""
+    now = SimpleNamespace(s=100.0)
+    stand_in = SimpleNamespace(
+        monotonic=lambda: now.s, time_ns=lambda: int(now.s * 1e9), sleep=lambda s: setattr(now, "s", now.s + s)
+    )
+    monkeypatch.setattr(ros_robot, "time", stand_in)
+    return now
+
+
+def tf_message(t_s, *transforms):
+    """(parent, child, place) at a time; 0: no stamp."""
+    return message("tf2_msgs/msg/TFMessage", transforms=[transform(round(t_s * 1e9), *one) for one in transforms])
+
+
+def arm(x=0.5, turned_rad=0.0):
+    return ("base_link", "elbow", SE3.from_rotvec([0.0, 0.0, turned_rad], [x, 0.0, 0.5])), ("elbow", "tool", SE3.identity())
+
+
+def cartesian(command, clock):
+    node = Node()
+    robot = RosCartesian(node, PLAN, command, ("tool",), PLACE)
+    node.send(TF.name, tf_message(clock.s, *arm()))
+    assert robot.known() and not robot.state().fault
+    return node, robot
+
+
+def wanted(robot, velocity=(0.0, 0.0, 0.0), *, ahead=(0.0, 0.0, 0.0), turn_rate=(0.0, 0.0, 0.0)):
+    state = robot.state()
+    return commanded(state.xyz_world + [ahead], state.wxyz, velocity, turn_rate, brakes=not any(velocity))
+
+
+@pytest.mark.parametrize("command", ["pose", "twist"])
+@pytest.mark.parametrize(
+    "others",
+    [
+        pytest.param(lambda t_s: (TF, tf_message(t_s, ("world", "person_7", SE3.identity()))), id="other frames"),
+        pytest.param(lambda t_s: (TF, tf_message(100.0, *arm())), id="its last message, repeated"),
+        pytest.param(lambda t_s: (TF, tf_message(t_s, ("tool", "camera", SE3.identity()))), id="what is attached to its tool"),
+        pytest.param(lambda t_s: (TF, tf_message(t_s, ("odom", "base_link", SE3.identity()))), id="what carries its base"),
+        pytest.param(lambda t_s: (TF, tf_message(t_s, arm()[1])), id="a part of its transforms"),
+        pytest.param(lambda t_s: (TF_STATIC, tf_message(t_s, *arm())), id="static transforms"),
+    ],
+)
+def test_a_silent_robot_has_a_fault_however_busy_tf_is(clock, command, others):
+    node, robot = cartesian(command, clock)
+    for step in range(21):
+        assert step > 19 or not robot.state().fault
+        clock.s += DT_S
+        topic, msg = others(clock.s)
+        node.send(topic.name, msg)
+    assert "nothing new of /tf from base_link to tool for 0.2 s" in robot.state().fault
+    node.send(TF.name, tf_message(clock.s, *arm()))
+    assert not robot.state().fault
+
+
+def test_messages_without_a_stamp_count_by_their_arrival(clock):
+    node, robot = cartesian("pose", clock)
+    for _ in range(50):
+        clock.s += DT_S
+        node.send(TF.name, tf_message(0.0, *arm()))
+        assert not robot.state().fault
+
+
+def test_a_robot_whose_pose_comes_as_static_transforms_only_is_not_known_to_live(clock):
+    node = Node()
+    robot = RosCartesian(node, PLAN, "pose", ("tool",), PLACE)
+    node.send(TF_STATIC.name, tf_message(clock.s, *arm()))
+    assert robot.known() and "nothing new" in robot.state().fault
+
+
+def test_the_path_between_two_frames_is_their_own_transforms():
+    links = (("map", "base"), ("base", "a"), ("a", "b"), ("base", "c"), ("b", "tool"))
+    frames = frames_of(*((*link, SE3.identity()) for link in links))
+    assert frames.path("base", "tool") == {"a", "b", "tool"}
+    assert frames.path("/c", "/b") == {"c", "a", "b"} and frames.path("a", "a") == set()
+
+
+@pytest.mark.parametrize(("x", "turned_rad", "fault"), [(0.62, 0.2, False), (0.67, 0.0, True), (0.5, 0.4, True)])
+def test_a_pose_that_is_not_followed_is_a_fault(clock, x, turned_rad, fault):
+    node, robot = cartesian("pose", clock)
+    robot.move(wanted(robot), DT_S)
+    node.send(TF.name, tf_message(clock.s, *arm(x, turned_rad)))
+    assert bool(robot.state().fault) == fault
+
+
+def driven(clock, seconds, velocity, moved, turn_rate=0.0):
+    """Faults by time step of a robot that is sent a velocity along its base's x; `moved(t)`: where along x, and turned, it is."""
+    node, robot = cartesian("twist", clock)
+    faults, start_s = [], clock.s
+    for k in range(round(seconds / DT_S)):
+        speed = velocity(k * DT_S) if callable(velocity) else velocity
+        robot.move(wanted(robot, (0.0, speed, 0.0), turn_rate=(0.0, 0.0, turn_rate)), DT_S)
+        clock.s += DT_S
+        x, turned_rad = moved(clock.s - start_s)
+        node.send(TF.name, tf_message(clock.s, *arm(0.5 + x, turned_rad)))
+        faults.append(robot.state().fault)
+    return faults
+
+
+def test_a_twist_that_is_not_followed_is_a_fault(clock):
+    faults = driven(clock, 1.0, 0.5, lambda t: (0.0, 0.0))
+    assert not faults[28] and all(faults[32:])
+    assert any(driven(clock, 1.0, 0.0, lambda t: (0.0, 0.0), turn_rate=1.0))
+
+
+def test_a_robot_that_continues_after_zero_velocity_is_a_fault(clock):
+    faults = driven(clock, 1.0, lambda t: 0.5 if t < 0.5 else 0.0, lambda t: (0.5 * t, 0.0))
+    assert not any(faults[:70]) and all(faults[85:])
+
+
+def test_a_robot_that_follows_twists_late_and_drifts_has_no_fault(clock):
+    # 0.2 s late, 2 cm/s of drift, for a minute in one direction and back
+    speed = lambda t: 0.5 * np.sin(2 * np.pi * t / 20)  # noqa: E731
+    place = lambda t: 0.5 * 20 / (2 * np.pi) * (1 - np.cos(2 * np.pi * max(t, 0.0) / 20))  # noqa: E731
+    faults = driven(clock, 60.0, speed, lambda t: (place(t - 0.2) + 0.02 * t, 0.01 * t))
+    assert not any(faults)
+
+
+def test_the_position_of_a_robot_that_stands_counts_as_commanded_after_twists(clock):
+    _, robot = cartesian("twist", clock)
+    robot.move(wanted(robot, (0.0, 0.1, 0.0), ahead=(0.0, 0.05, 0.0)), DT_S)
+    ahead = robot.state().xyz_world
+    assert ahead == pytest.approx(np.array([[2.0, 0.55, 0.5]]))
+    robot.move(wanted(robot), DT_S)
+    assert robot.state().xyz_world == pytest.approx(np.array([[2.0, 0.5, 0.5]]))
+
+
+def sent_at_the_end(node, robot):
+    """Velocities (linear, angular) that a robot gets when it is left, twice."""
+    count = len(node.sent)
+    robot.close()
+    robot.close()
+    assert node.closed >= 1
+    return [(part.x, part.y, part.z) for msg in node.sent[count:] for part in (msg.twist.linear, msg.twist.angular)]
+
+
+@pytest.mark.parametrize("command", ["pose", "twist"])
+def test_a_robot_that_is_left_gets_zero_velocity(clock, command):
+    node, robot = cartesian(command, clock)
+    robot.move(wanted(robot, (0.1, 0.2, 0.3)), DT_S)
+    assert sent_at_the_end(node, robot) == ([(0.0, 0.0, 0.0)] * 2 if command == "twist" else [])
+    # one that was never commanded is left alone
+    assert sent_at_the_end(*cartesian(command, clock)) == []
+
+
+def test_a_mobile_base_is_left_with_zero_velocity(jointed):
+    moving(jointed[1])
+    assert sent_at_the_end(*jointed) == [(0.0, 0.0, 0.0)] * 2
+
+
+@pytest.fixture
+def jointed(clock):
+    """A mobile manipulator whose arm is driven in its joints."""
+    node = Node()
+    chain = Chain(mujoco_model(None, ("right",)), ("right_hand",), LimitSettings().collision_m)
+    robot = RosJoints(node, PLAN, chain, LimitSettings(), PLACE)
+    node.send(JOINT_STATES, joint_state(clock.s, ARM_HOME_RAD))
+    assert robot.known() and not robot.state().fault
+    return node, robot
+
+
+def joint_state(t_s, q):
+    state, empty = header(round(t_s * 1e9), ""), np.zeros(0)
+    known = {"name": JOINTS[: len(q)], "position": np.array(q), "velocity": empty, "effort": empty}
+    return message("sensor_msgs/msg/JointState", header=state, **known)
+
+
+@pytest.mark.parametrize(
+    ("others", "fault"),
+    [
+        pytest.param(lambda t_s: joint_state(t_s, ARM_HOME_RAD), False, id="a robot that reports"),
+        pytest.param(lambda t_s: joint_state(0.0, ARM_HOME_RAD), False, id="without a stamp"),
+        pytest.param(lambda t_s: joint_state(100.0, ARM_HOME_RAD), True, id="its last message, repeated"),
+        pytest.param(lambda t_s: joint_state(t_s, ARM_HOME_RAD[:6]), True, id="a part of its joints"),
+        pytest.param(lambda t_s: joint_state(t_s, (*ARM_HOME_RAD[:6], np.nan)), True, id="a joint that is not known"),
+    ],
+)
+def test_only_new_positions_of_all_joints_show_that_it_lives(clock, jointed, others, fault):
+    node, robot = jointed
+    for _ in range(21):
+        clock.s += DT_S
+        node.send(JOINT_STATES, others(clock.s))
+        robot.state()
+    assert bool(robot.state().fault) == fault
+
+
+def test_the_distance_is_kept_from_where_the_joints_are_and_from_where_they_are_to_be(clock, jointed):
+    node, robot = jointed
+    before = robot.state().spheres_world
+    node.send(JOINT_STATES, joint_state(clock.s + DT_S, np.array(ARM_HOME_RAD) + 0.1))
+    state = robot.state()
+    assert not state.fault
+    apart = np.linalg.norm(state.spheres_world[:, None, :3] - before[None, :, :3], axis=2)
+    # all that was covered still is, and the measured arm too
+    assert (apart.min(axis=0) < 1e-9).all() and apart.min(axis=1).max() > 0.05
+    hand = np.linalg.norm(state.spheres_world[:, :3] - state.measured_xyz_world, axis=1) - state.spheres_world[:, 3]
+    assert hand.min() < 0.1
+
+
+def why_refused(trajectory, now_s):
+    """Why a joint_trajectory_controller of ros2_control with its default parameters takes no such trajectory."""
+    if not trajectory.points or trajectory.joint_names != JOINTS:
+        return "joints"
+    ends_s = [point.time_from_start.sec + point.time_from_start.nanosec / 1e9 for point in trajectory.points]
+    stamp = trajectory.header.stamp
+    if (stamp.sec or stamp.nanosec) and stamp.sec + stamp.nanosec / 1e9 + ends_s[-1] < now_s:
+        return "ends in the past"
+    if any(end <= before for before, end in zip([0.0, *ends_s], ends_s, strict=False)):
+        return "times"
+    if any(len(values) != 7 for point in trajectory.points for values in (point.positions, point.velocities)):
+        return "sizes"
+    if any(len(values) not in (0, 7) for point in trajectory.points for values in (point.accelerations, point.effort)):
+        return "sizes"
+    # allow_nonzero_velocity_at_trajectory_end is false
+    return "velocity at the end" if np.abs(trajectory.points[-1].velocities).max() > 1e-6 else ""
+
+
+def moving(robot):
+    """A robot at speed, and its last trajectory."""
+    start = robot.state()
+    for k in range(1, 31):
+        robot.move(commanded(start.xyz_world + [[0.0, 0.001 * k, 0.0]], start.wxyz, (0.0, 0.1, 0.0)), DT_S)
+    return next(msg for msg in robot._node.sent[::-1] if hasattr(msg, "points"))
+
+
+def test_every_trajectory_is_one_that_a_controller_takes_and_ends_at_rest(clock, jointed):
+    node, robot = jointed
+    last = moving(robot)
+    assert np.abs(last.points[0].velocities).max() > 0.05
+    trajectories = [msg for msg in node.sent if hasattr(msg, "points")]
+    assert [why_refused(one, clock.s + 0.1) for one in trajectories] == [""] * 30
+    for one in trajectories:
+        moves, rests, stays = one.points
+        assert np.array_equal(rests.positions, stays.positions) and not np.any(stays.velocities)
+        # braking along a straight line of joint positions: about the mean of both velocities for the time between them
+        seconds = (rests.time_from_start.nanosec - moves.time_from_start.nanosec) / 1e9
+        travel, most = rests.positions - moves.positions, moves.velocities * seconds
+        share = float(travel @ most / max(most @ most, 1e-12))
+        assert travel == pytest.approx(share * most, abs=1e-9) and share + (np.abs(most).max() < 0.003) > 0.1 and share < 0.6
+    assert "velocity at the end" in why_refused(message(last.__msgtype__, **{**vars(last), "points": last.points[:1]}), clock.s)
+
+
+def test_a_trajectory_does_not_brake_beyond_the_joints_limits(jointed):
+    """It ends where the checked stop ends, also where the robot is driven against a limit."""
+    node, robot = jointed
+    chain, start = robot.joints.chain, robot.state()
+    for k in range(1, 300):
+        robot.move(commanded(start.xyz_world + [[0.0, 0.0, 0.003 * k]], start.wxyz, (0.0, 0.0, 0.3)), DT_S)
+    ends = np.array([msg.points[-1].positions for msg in node.sent if hasattr(msg, "points")])
+    assert (ends <= chain.high[chain.arm]).all() and (ends >= chain.low[chain.arm]).all()
+
+
+def test_a_driver_that_fails_leaves_a_robot_without_velocity(clock, monkeypatch):
+    node, robot = cartesian("twist", clock)
+    robot.move(wanted(robot, (0.1, 0.2, 0.3)), DT_S)
+    handlers = {number: signal.getsignal(number) for number in (signal.SIGINT, *REQUESTS_TO_END)}
+
+    def fail(*_):
+        raise ZeroDivisionError
+
+    monkeypatch.setattr(process, "built", lambda plan: robot)
+    monkeypatch.setattr(process, "_drive", fail)
+    try:
+        with pytest.raises(ZeroDivisionError):
+            process.run_robot(None, process.RobotPlan(settings=TeleoperationSettings()))
+    finally:
+        for number, handler in handlers.items():
+            signal.signal(number, handler)
+    assert node.closed and node.sent[-1].twist.linear.y == 0.0
+
+
+def test_a_base_that_no_message_reports_counts_as_where_it_was_driven(jointed):
+    _, robot = jointed
+    robot.joints.begin(robot.joints.q + np.where(robot.joints.chain.arm, 0.0, 0.2))
+    state = robot.state()
+    assert state.measured_xyz_world == pytest.approx(state.xyz_world)
+
+
+# --- where a robot's frame is in the world, by the transforms other nodes publish
+
+
+def some(seed):
+    rng = np.random.default_rng(seed)
+    return SE3.from_rotvec(rng.normal(size=3), rng.normal(size=3))
+
+
+def frames_of(*transforms):
+    """(parent, child, place) each."""
+    frames = Frames()
+    for parent, child, place in transforms:
+        frames.add(parent, child, place)
+    return frames
+
+
+def test_a_chain_is_walked_in_both_directions():
+    a, b, c = some(1), some(2), some(3)
+    frames = frames_of(("map", "world", a), ("map", "odom", b), ("odom", "base", c))
+    expected = (b @ c).inverse() @ a
+    assert_same(frames.find("base", "world"), expected, 1e-12)
+    assert_same(frames.find("world", "base"), expected.inverse(), 1e-12)
+    assert_same(frames.find("base", "base"), SE3.identity(), 1e-12)
+    assert frames.find("base", "elsewhere") is None
+    frames.add("odom", "base", a)
+    assert_same(frames.find("odom", "base"), a, 1e-12)
+
+
+def test_a_circle_of_frames_ends():
+    assert frames_of(("a", "b", some(1)), ("b", "a", some(2))).find("world", "a") is None
+
+
+def test_a_message_is_taken_with_and_without_a_leading_slash():
+    frames, place = Frames(), some(3)
+    frames.take(transform(0, "/world", "/base", place))
+    assert_same(frames.find("world", "base"), place, 1e-12)
+    assert_same(frames.find("/base", "world"), place.inverse(), 1e-12)
+
+
+@pytest.mark.parametrize("wrong", [{"x": float("nan")}, {"w": 0.4}, {}])
+def test_a_message_without_a_rotation_is_refused(wrong):
+    frames, msg = Frames(), transform(0, "world", "base", some(4))
+    msg.transform.rotation = message("geometry_msgs/msg/Quaternion", **({"x": 0.0, "y": 0.0, "z": 0.0, "w": 0.0} | wrong))
+    refusal(MessageError, "tf of base: expected finite numbers", frames.take, msg)
+    assert frames.find("world", "base") is None
+
+
+# --- over a network, against a node that stands for the robot
+
+
+SETTINGS = TeleoperationSettings(robot=RobotSettings(position_xy_m=(2.0, 0.0), heading_deg=90.0))
 
 
 @contextmanager
 def robot_node():
-    import threading
-
     node, ended = PLAN.node("robot"), threading.Event()
     bent = SE3.from_rotvec([0, 0, 0.3], [0.3, 0, 0.5])
     places = [transform(time.time_ns(), "base_link", "elbow", bent), transform(time.time_ns(), "elbow", "tool", SE3.identity())]
@@ -46,7 +403,7 @@ def robot_node():
     def publish():
         while not ended.wait(0.02):
             t_ns = time.time_ns()
-            node.publish(Topic(JOINT_STATES, "sensor_msgs/msg/JointState"), joint_state(ARM_HOME_RAD), t_ns)
+            node.publish(Topic(JOINT_STATES, "sensor_msgs/msg/JointState"), joint_state(t_ns * 1e-9, ARM_HOME_RAD), t_ns)
             node.publish(TF, message("tf2_msgs/msg/TFMessage", transforms=places), t_ns)
 
     thread = threading.Thread(target=publish)
@@ -101,19 +458,13 @@ def test_joints_of_our_inverse_kinematics_go_to_a_controller(tmp_path, controlle
         robot = open_ros_robot("joints", replace(PLAN, controller=controller), file, ("right_hand",), SETTINGS)
         state = robot.state()
         wanted = commanded(state.xyz_world + [[0.0, 0.002, 0.0]], state.wxyz)
-        kind = "std_msgs/msg/Float64MultiArray" if controller.endswith("/commands") else "trajectory_msgs/msg/JointTrajectory"
+        as_points = controller.endswith("/joint_trajectory")
+        kind = "trajectory_msgs/msg/JointTrajectory" if as_points else "std_msgs/msg/Float64MultiArray"
         got = received(node, Topic(controller, kind, depth=1), lambda: robot.move(wanted, 0.01))
-        if kind.endswith("Trajectory"):
-            assert got.joint_names == JOINTS and len(got.points[0].positions) == 7
-            assert got.points[0].positions == pytest.approx(np.array(ARM_HOME_RAD), abs=0.5)
-        else:
-            assert got.data == pytest.approx(np.array(ARM_HOME_RAD), abs=0.5)
+        assert not as_points or got.joint_names == JOINTS
+        assert (got.points[0].positions if as_points else got.data) == pytest.approx(np.array(ARM_HOME_RAD), abs=0.5)
         at_rest = commanded(state.xyz_world, state.wxyz)
-        base = received(
-            node,
-            Topic("/cmd_vel", "geometry_msgs/msg/TwistStamped", depth=1),
-            lambda: robot.move(at_rest, 0.01),
-        )
+        base = received(node, Topic("/cmd_vel", "geometry_msgs/msg/TwistStamped", depth=1), lambda: robot.move(at_rest, 0.01))
         assert abs(base.twist.linear.x) <= 0.3
         robot.close()
 
@@ -123,10 +474,6 @@ def test_what_cannot_be_is_refused_in_one_line():
 
 
 def test_state_target_box_and_diagnostics_are_recorded(tmp_path):
-    from bench.rehearsal.faults import engaged_world, tick
-    from bench.rehearsal.world import settings_for
-    from posefuse_ros.bags import Recorder, read_mcap
-
     file = tmp_path / "robot.mcap"
     world = engaged_world(settings_for("point", roomy=False), 0)
     reporter = Reporter(Recorder(file), world.settings)

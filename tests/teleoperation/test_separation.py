@@ -65,19 +65,16 @@ def test_a_hand_that_is_seen_counts_without_its_elbow():
     # the robot once came within 12 mm of such a hand
     seen, later_ns = body(), NOW_NS + 10_000_000_000
     for forward_m in (0.0, 0.5, 1.0):
-        reaching = replace(
-            person_view(HAND + [forward_m, 0, 0], later_ns), body_measured=[name != "right_elbow" for name in BODY]
-        )
+        reaching = person_view(HAND + [forward_m, 0, 0], later_ns)
+        reaching = replace(reaching, body_measured=[name != "right_elbow" for name in BODY])
         counted = separation_m(remembered(seen, reaching), SPHERE, later_ns, EXACT)
         assert counted <= 2.0 - 0.5 - forward_m - 0.08 - 0.1 + 1e-9
 
 
 def test_the_other_arm_behind_the_body_leaves_the_robot_its_full_speed_at_two_metres():
     hidden = ("left_elbow", "left_wrist", "left_fingertips", "right_fingertips", "crown", "left_toes", "right_toes")
-    arm_never_seen = body(hidden)
-    assert (
-        speed_share(separation_m(arm_never_seen, SPHERE, NOW_NS + 50_000_000, SeparationSettings()), SeparationSettings()) == 1.0
-    )
+    away_m = separation_m(body(hidden), SPHERE, NOW_NS + 50_000_000, SeparationSettings())
+    assert speed_share(away_m, SeparationSettings()) == 1.0
 
 
 def test_without_the_trunk_nothing_is_known_and_nothing_moves():
@@ -96,11 +93,8 @@ def test_a_robot_without_spheres_or_at_no_finite_place_is_not_far_away():
         assert np.isnan(separation_m(body(), spheres, NOW_NS, EXACT))
 
 
-def test_the_speed_falls_from_slow_to_stop():
+def test_the_speed_falls_from_slow_to_stop_and_limits_in_the_wrong_order_let_no_robot_move_that_is_too_near():
     assert [speed_share(d, SeparationSettings()) for d in (2.0, 0.8, 0.6, 0.4, 0.1, -1.0)] == pytest.approx([1, 1, 0.5, 0, 0, 0])
-
-
-def test_limits_in_the_wrong_order_do_not_let_a_robot_move_that_is_too_near():
     wrong = SeparationSettings(slow_m=0.3, stop_m=0.4)
     assert [speed_share(d, wrong) for d in (0.1, 0.35, 0.4, 0.41)] == [0.0, 0.0, 0.0, 1.0]
 
@@ -192,6 +186,7 @@ def test_no_operator_is_nearer_than_counted(seed):
     rng = np.random.default_rng([seed, 48])
     operator = MovingOperator(rng)
     hidden, sigma_m = operator.hidden(), 0.02
+    sigmas_m = np.full(len(BODY), sigma_m)
     spheres = np.concatenate([rng.normal(size=(6, 3)) * [1.2, 1.2, 0.5] + [0, 0, 1.0], rng.uniform(0.05, 0.2, (6, 1))], axis=1)
     start, end = (np.array([BODY.index(bone[i]) for bone in BONES]) for i in (0, 1))
     state, known, view = OperatorBody.unknown(), 0, person_view(HAND, NOW_NS)
@@ -202,17 +197,8 @@ def test_no_operator_is_nearer_than_counted(seed):
             error = rng.normal(size=(len(BODY), 3))
             error *= 2 * sigma_m * rng.random((len(BODY), 1)) / np.linalg.norm(error, axis=1, keepdims=True)
             error[hidden[seen]] *= 100.0
-            state = remembered(
-                state,
-                replace(
-                    view,
-                    t_ns=now_ns,
-                    measured_ns=int(operator.t_ns[seen]),
-                    body_xyz_world=operator.xyz[seen] + error,
-                    body_measured=~hidden[seen],
-                    body_sigma_m=np.full(len(BODY), sigma_m),
-                ),
-            )
+            body = {"body_xyz_world": operator.xyz[seen] + error, "body_measured": ~hidden[seen], "body_sigma_m": sigmas_m}
+            state = remembered(state, replace(view, t_ns=now_ns, measured_ns=int(operator.t_ns[seen]), **body))
         counted = separation_m(state, spheres, now_ns, SeparationSettings())
         if not np.isnan(counted):
             xyz = operator.xyz[i]
