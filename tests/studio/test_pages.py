@@ -10,7 +10,10 @@ from typing import Any
 import pytest
 from nicegui import ui
 from nicegui.testing import User, user_simulation
+from small_session import saved_session
 
+import posefuse as pf
+from posefuse.core import Rig
 from posefuse.detection import named_networks
 from posefuse_sim.rig_plan import camera_of
 from posefuse_sim.scene import read_scene
@@ -88,6 +91,25 @@ def test_a_page_shows_what_it_cannot_do(tmp_path: Path, started: list[tuple[str,
     assert started == []
 
 
+@pytest.mark.parametrize("address", ["https://10.0.0.8/video.mjpg", "rtsps://10.0.0.7/stream", "usb:0"])
+def test_a_camera_is_added_by_its_address(tmp_path: Path, address: str) -> None:
+    async def use(user: User) -> None:
+        user.find("e.g. rtsp://192.168.1.20/stream").type(address)
+        user.find(kind=ui.button, content="Add").click()
+        await user.should_see("cam1")
+
+    visited(tmp_path, "/", use)
+
+
+def test_a_file_that_is_not_taken_as_a_video_is_refused_in_words(tmp_path: Path) -> None:
+    async def use(user: User) -> None:
+        [upload] = user.find(ui.upload).elements
+        next(one for one in upload._event_listeners.values() if one.type == "rejected").handler()
+        await user.should_see("Expected videos of at most 4 GB")
+
+    visited(tmp_path, "/", use)
+
+
 def test_targets_of_typed_sizes_are_printed_and_chosen(tmp_path: Path) -> None:
     workspace = StudioWorkspace(tmp_path)
     save_setup(workspace, Setup(name="webcams", sources={"left": "usb:0", "right": "usb:1"}))
@@ -158,6 +180,19 @@ def test_a_study_has_the_network_that_was_chosen(
     for one in (arguments, {**arguments, "networks": ""}):
         recordings.batch_job(one, StudioWorkspace(tmp_path), lambda *_: None)
     assert tracked == [NETWORK, None]
+
+
+def test_names_that_were_given_to_people_are_there_when_the_page_is_opened_again(
+    tmp_path: Path, ring_rig: Callable[..., Rig]
+) -> None:
+    pf.read(saved_session(tmp_path, ring_rig)[1]).keep_edits(pf.Edits(names=("Grace",)))
+
+    async def use(user: User) -> None:
+        await user.should_see("Name of person 0", retries=100)
+        assert field(user, ui.input, "Name of person 0").value == "Grace"
+        assert field(user, ui.select, "Keep").options[0] == "Grace"
+
+    visited(tmp_path, "/recordings?open=result", use)
 
 
 def test_networks_are_those_that_find_keypoints() -> None:

@@ -191,10 +191,9 @@ def recording_address(name: str) -> str:
 
 
 def state_of(report: Report) -> tuple[str, str]:
-    """Light and word of a job; a study of which trials failed is not good."""
-    failed = report.result.get("failed")
-    if report.state == "done" and failed:
-        return "doubt", f"{len(failed)} of {report.result['trials']} failed"
+    """Light and word of a job; one of which trials or files failed is not good."""
+    if report.state == "done" and (failed := report.result.get("failed")):
+        return "doubt", f"{len(failed)} failed"
     return {"done": "good", "failed": "bad", "lost": "bad", "cancelled": "off"}.get(report.state, "doubt"), report.state
 
 

@@ -260,8 +260,9 @@ class EditCard:
 
     @property
     def _names(self) -> dict[int, str]:
-        """By id."""
-        return dict(zip(self._recording.poses.person_id.tolist(), self._recording.person_names, strict=True))
+        """By id, as corrected."""
+        earlier = zip(self._recording.poses.person_id.tolist(), self._recording.person_names, strict=True)
+        return {person: self.edits.names[person] if person < len(self.edits.names) else name for person, name in earlier}
 
     def _mark(self, from_s: float | None) -> None:
         self._from_s = from_s
