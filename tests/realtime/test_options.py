@@ -21,6 +21,10 @@ from posefuse.cli import main as cli
         (("--record", "/nowhere/x.mcap"), "there is no folder /nowhere"),
         (("--record-images",), "live_outputs record: path: missing"),
         (("--axes", "y_up"), "no output of this session has axes"),
+        (("--domain", "5"), "--domain 5: no source and no output is in ROS 2; leave it out, or add one"),
+        (("--peer", "10.0.0.7", "--peer", "10.0.0.8", "--record", "walk.mcap"), "--peer 10.0.0.7 10.0.0.8: no source"),
+        (("--local-only", "--osc", "127.0.0.1:9"), "--local-only: no source"),
+        (("--sim-time",), "--sim-time: no source"),
         (("--record", "walk"), "walk: expected a name that ends in .mcap"),
         (("--record", "walk.mcap", "--videos", "walk.mcap"), "the folder of --videos"),
         (("--record", "kept/walk.mcap", "--videos", "kept"), "the folder of --videos"),
@@ -44,3 +48,8 @@ def test_what_cannot_be_is_one_line_before_anything_starts_or_a_network_is_fetch
     assert out == "" and words in err
     assert err.count("\n") == 1 and "Traceback" not in err
     assert sorted(tmp_path.rglob("*")) == sorted(kept)
+
+
+def test_where_ros_2_is_has_no_effect_on_a_recording_without_its_topics(demo_session, tmp_path, capsys) -> None:
+    assert cli.main(["record", "--source", f"sim:{demo_session}", "--out", str(tmp_path / "new"), "--domain", "5"]) == 1
+    assert "--domain 5: no source and no output is in ROS 2" in capsys.readouterr().err and not (tmp_path / "new").exists()

@@ -68,6 +68,15 @@ def check_any(inputs: Sequence[LiveInput]) -> None:
         raise SourceError("expected a source for at least 1 camera, got none; give `source=CAMERA=KIND:WHERE`")
 
 
+def check_ros_is_used(ros: Mapping[str, Any], inputs: Sequence[LiveInput], outputs: Mapping[str, object]) -> None:
+    """Raise ConfigError where `ros` has settings that no input and no output takes; a recording is in ROS for its time alone."""
+    in_ros = [name for name, one in outputs.items() if hasattr(one, "domain_id") and (name != "record" or "sim_time" in ros)]
+    if ros and not in_ros and all(entry.kind != "ros" for entry in inputs):
+        name, value = next(iter(ros.items()))
+        shown = value if isinstance(value, (bool, int, str)) else " ".join(value)
+        raise ConfigError(f"`{name}={shown}`: no source and no output is in ROS 2; leave it out, or add one")
+
+
 def rig_of_inputs(rig: Rig, inputs: Sequence[LiveInput], use: CameraInfoUse, say: Callable[[str], None]) -> Rig:
     """The rig after each kind of source that states intrinsics of its own has compared them with it, or changed it.
 
