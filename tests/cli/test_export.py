@@ -5,6 +5,7 @@ import shutil
 from collections.abc import Callable
 from pathlib import Path
 
+import numpy as np
 import pytest
 from commands import error, tracked
 from running import python
@@ -13,10 +14,16 @@ import posefuse as pf
 from posefuse.cli.main import main
 from posefuse.core import InputError, Rig
 from posefuse.core.live_messages import LivePose, LiveStart
+from posefuse.formats.c3d import read_c3d
 from posefuse.formats.recording import read_recording
 from posefuse.outputs.rerun import FILE
 from posefuse.pipeline.writing import nearby_session, session_of_recording
 from posefuse_ros.mcap_output import RecordConfig
+
+
+def no_rate(_: pf.PoseSequence) -> pf.PoseSequence:
+    raise InputError("no rate")
+
 
 BEGIN_NS = 1_700_000_000_000_000_000
 
@@ -57,26 +64,38 @@ def test_a_result_is_never_written_over(result: Path, capsys: pytest.CaptureFixt
     assert {path: path.read_bytes() for path in result.iterdir()} == before
 
 
+def test_a_live_session_gives_files_with_the_ticks_that_it_skipped(live: Path, tmp_path: Path) -> None:
+    out = tmp_path / "files"
+    assert main(["export", str(live), "--out", str(out), "--outputs", "trc,c3d"]) == 0
+    written = read_c3d(out / "pose.c3d")
+    assert written.rate_hz == pytest.approx(100)
+    nose = np.full((7, 3), np.nan)
+    nose[[0, 1, 2, 4, 5, 6]] = pf.read(live).poses.xyz_world[:, 0, 0]
+    np.testing.assert_allclose(written.xyz_world[:, 0], nose, atol=1e-6)
+
+
 def test_a_live_session_gives_files_and_an_output_that_fails_is_named(
-    live: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    live: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    monkeypatch.setattr("posefuse.outputs.data_files.evenly_spaced", no_rate)
     out = tmp_path / "files"
     assert main(["export", str(live), "--out", str(out), "--outputs", "trc,c3d", "--json"]) == 1
     printed = capsys.readouterr()
     figures = json.loads(printed.out)
     assert figures["files"] == ["pose.trc"]
-    assert "posefuse solve FILE.mcap" in figures["failed"]["c3d"]
+    assert figures["failed"]["c3d"] == "no rate"
     assert "output c3d: not written" in " ".join(printed.err.split())
     assert (out / "pose.trc").stat().st_size > 0
-    with pytest.warns(UserWarning, match="c3d: not written .C3D holds evenly spaced time steps only"):
+    with pytest.warns(UserWarning, match="c3d: not written .no rate"):
         pf.read(live).export(tmp_path / "python", ["trc", "c3d"])
     assert (tmp_path / "python" / "pose.trc").read_bytes() == (out / "pose.trc").read_bytes()
 
 
 def test_an_export_of_which_nothing_can_be_written_leaves_no_folder(
-    live: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    live: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    assert "evenly spaced" in error(capsys, "export", live, "--out", tmp_path / "files", "--outputs", "c3d")
+    monkeypatch.setattr("posefuse.outputs.data_files.evenly_spaced", no_rate)
+    assert "no rate" in error(capsys, "export", live, "--out", tmp_path / "files", "--outputs", "c3d")
     assert not (tmp_path / "files").exists()
     assert "no plug-in 'nothing'" in error(capsys, "export", live, "--out", tmp_path / "files", "--outputs", "trc,nothing")
 
