@@ -110,6 +110,30 @@ def test_a_file_that_is_not_taken_as_a_video_is_refused_in_words(tmp_path: Path)
     visited(tmp_path, "/", use)
 
 
+def test_a_dialog_is_no_part_of_what_is_drawn_again_below_it(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+    save_setup(StudioWorkspace(tmp_path), Setup(name="webcams", sources={"left": "usb:0", "right": "usb:1"}))
+
+    async def use(user: User) -> None:
+        user.find(kind=ui.button, content="New calibration").click()
+        user.find(kind=ui.button, content="Begin").click()
+        await user.should_see("Print targets")
+
+    visited(tmp_path, "/calibrate", use)
+    assert list(projects(StudioWorkspace(tmp_path))) == ["room"] and "deleted" not in caplog.text
+
+
+@pytest.mark.parametrize("seconds", [-5.0, 1e5])
+def test_no_plan_is_kept_that_cannot_be_opened(tmp_path: Path, seconds: float) -> None:
+    async def use(user: User) -> None:
+        await user.should_see("Expected of these cameras", retries=100)
+        field(user, ui.number, "Seconds").set_value(seconds)
+        user.find(kind=ui.button, content="Keep this plan").click()
+        await user.should_see("duration_s")
+
+    visited(tmp_path, "/simulate", use)
+    assert not list(tmp_path.rglob("*.yaml"))
+
+
 def test_targets_of_typed_sizes_are_printed_and_chosen(tmp_path: Path) -> None:
     workspace = StudioWorkspace(tmp_path)
     save_setup(workspace, Setup(name="webcams", sources={"left": "usb:0", "right": "usb:1"}))
@@ -193,6 +217,19 @@ def test_names_that_were_given_to_people_are_there_when_the_page_is_opened_again
         assert field(user, ui.select, "Keep").options[0] == "Grace"
 
     visited(tmp_path, "/recordings?open=result", use)
+
+
+def test_corrections_of_two_pages_are_all_kept(tmp_path: Path, ring_rig: Callable[..., Rig]) -> None:
+    recording = pf.read(saved_session(tmp_path, ring_rig)[1])
+    elsewhere = pf.Exclusion(start_s=0.1, end_s=0.2, camera="cam01")
+
+    async def use(user: User) -> None:
+        await user.should_see("Name of person 0", retries=100)
+        recording.keep_edits(pf.Edits(exclusions=(elsewhere,)))
+        field(user, ui.input, "Name of person 0").set_value("Grace")
+
+    visited(tmp_path, "/recordings?open=result", use)
+    assert recording.edits == pf.Edits(exclusions=(elsewhere,), names=("Grace",))
 
 
 def test_networks_are_those_that_find_keypoints() -> None:

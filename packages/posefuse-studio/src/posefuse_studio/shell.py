@@ -138,7 +138,8 @@ def refused(text: str) -> None:
 @contextmanager
 def dialog(heading: str, actions: Mapping[str, Callable[[], object]]) -> Iterator[None]:
     """Ask for what the block places; a button for each action, the first one the main one, closes it unless that is refused."""
-    with ui.dialog(value=True) as shown, card(heading):
+    # of the page, not of what is drawn again where the button was pressed
+    with ui.context.client.content, ui.dialog(value=True) as shown, card(heading):
 
         def done(act: Callable[[], object]) -> None:
             act()
