@@ -96,6 +96,7 @@ def test_an_export_of_which_nothing_can_be_written_leaves_no_folder(
 ) -> None:
     monkeypatch.setattr("posefuse.outputs.data_files.evenly_spaced", no_rate)
     assert "no rate" in error(capsys, "export", live, "--out", tmp_path / "files", "--outputs", "c3d")
+    assert "expected at least one of" in error(capsys, "export", live, "--out", tmp_path / "files", "--outputs", "")
     assert not (tmp_path / "files").exists()
     assert "no plug-in 'nothing'" in error(capsys, "export", live, "--out", tmp_path / "files", "--outputs", "trc,nothing")
 

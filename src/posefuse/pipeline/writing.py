@@ -10,7 +10,7 @@ from typing import Any, Literal, Protocol, runtime_checkable
 
 import numpy as np
 
-from posefuse.core import Frame, InputError, PosefuseError, Progress, Recording, Sink, Skeleton, SourceError
+from posefuse.core import ConfigError, Frame, InputError, PosefuseError, Progress, Recording, Sink, Skeleton, SourceError
 from posefuse.formats.recording import write_recording
 from posefuse.foundation.output_folder import OutputFolder, output_folder
 from posefuse.foundation.plugins import build_plugin
@@ -179,9 +179,11 @@ def export_recording(
         replace: move an earlier folder of the same kind aside. inputs: files that must not be written over.
 
     Raises:
-        ConfigError: no such format. InputError: the folder holds anything else, or what is needed cannot be written.
+        ConfigError: no such format, or none. InputError: the folder holds anything else, or what is needed cannot be written.
     """
     sinks, alone = build_sinks(formats, recording.poses.skeleton), command == "export"
+    if alone and not sinks:
+        raise ConfigError("export: expected at least one of the outputs that `posefuse plugins` lists, got none")
     with output_folder(path, command=command, inputs=inputs, replace=replace) as out:
         files, failed = write_result(recording, session, sinks, out, progress, outputs_alone=alone)
         if failed and not (alone and files):

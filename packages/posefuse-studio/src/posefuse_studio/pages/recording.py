@@ -278,8 +278,8 @@ class EditCard:
         if self.marked_s is not None:
             start_s, end_s = (round(t_s, 3) for t_s in self.marked_s)
             camera = None if self._camera.value == _ALL else self._camera.value
-            self._mark(None)
             self._change(exclusions=(*self._read().exclusions, pf.Exclusion(start_s=start_s, end_s=end_s, camera=camera)))
+            self._mark(None)
 
     def _rename(self, person: int, name: str) -> None:
         if name.strip():
