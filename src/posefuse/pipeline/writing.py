@@ -14,7 +14,7 @@ from posefuse.core import ConfigError, Frame, InputError, PosefuseError, Progres
 from posefuse.formats.recording import write_recording
 from posefuse.foundation.output_folder import OutputFolder, output_folder
 from posefuse.foundation.plugins import build_plugin
-from posefuse.outputs.frames import write_each
+from posefuse.outputs.frames import FrameSink, write_each
 from posefuse.sources import CountedSource
 
 from .opening import Opened, build_source
@@ -184,6 +184,8 @@ def export_recording(
     sinks, alone = build_sinks(formats, recording.poses.skeleton), command == "export"
     if alone and not sinks:
         raise ConfigError("export: expected at least one of the outputs that `posefuse plugins` lists, got none")
+    if alone and session is None and any(isinstance(sink, FrameSink) for sink in sinks):
+        progress("write", 0, None, "without images: no session of this recording is near; name it with `session=DIR`")
     with output_folder(path, command=command, inputs=inputs, replace=replace) as out:
         files, failed = write_result(recording, session, sinks, out, progress, outputs_alone=alone)
         if failed and not (alone and files):
