@@ -89,13 +89,13 @@ def test_a_camera_that_cannot_be_opened_is_reported_at_the_start_and_nothing_is_
     before = set(threading.enumerate())
     with (
         pytest.raises(SourceError, match=r"nowhere\.mp4"),
-        pf.live(rig, dict.fromkeys(rig.names, "video:nowhere.mp4")) as session,
+        pf.live(rig, {name: f"video:{name}.mp4" for name in rig.names}) as session,
     ):
         pass
     end_s = time.monotonic() + 10
     while set(threading.enumerate()) - before and time.monotonic() < end_s:
         time.sleep(0.05)
     assert not set(threading.enumerate()) - before
-    session = pf.live(rig, dict.fromkeys(rig.names, "video:nowhere.mp4"))
+    session = pf.live(rig, {name: f"video:{name}.mp4" for name in rig.names})
     session.close()
     session.close()

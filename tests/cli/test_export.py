@@ -146,7 +146,7 @@ def test_a_session_elsewhere_is_named_or_missed(
     assert images_shown(result, demo_session, monkeypatch)
 
 
-def test_an_export_without_the_images_that_it_shows_states_so(study: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_an_export_without_its_images_states_so(study: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     result, out = Path(shutil.copytree(study / "result", tmp_path / "alone")), str(tmp_path / "files")
     words = "without images: no session of this recording is near; name it with --session DIR"
     for options, stated in (("--outputs overlay", True), (f"--outputs overlay --session {study / 'demo'}", False), ("", False)):

@@ -301,6 +301,8 @@ def test_sources_are_named_per_camera(ring_rig, demo_session) -> None:
         (["cam00=webcam:0"], ("webcam", "usb")),
         (["video:x.mp4"], ("CAMERA=KIND:WHERE",)),
         (["cam00=video:x.mp4", "cam00=video:y.mp4"], ("has a source already",)),
+        (["cam00=video:x.mp4", "cam01=video:x.mp4"], ("cam01=video:x.mp4: camera cam00 has the same one",)),
+        (["cam00=usb:0", "cam01=usb:0"], ("camera cam00 has the same one",)),
     ],
 )
 def test_an_impossible_source_is_refused_with_a_list_of_sources(ring_rig, arguments: list[str], words: tuple[str, ...]) -> None:
