@@ -349,7 +349,9 @@ def test_an_inverted_board_has_its_corners_where_the_usual_one_has_them() -> Non
 
 
 def test_a_back_that_cannot_be_is_refused() -> None:
-    with pytest.raises(ConfigError, match="DICT_4X4_50 has markers 0 to 49, this target needs 0 to 69; take a larger dictionary"):
+    with pytest.raises(
+        ConfigError, match="DICT_4X4_50 has markers 0 to 49, this target needs 0 to 69; take a smaller target, a larger"
+    ):
         Charuco(columns=7, rows=10, square_m=0.05, marker_m=0.03, thickness_m=0.005)
 
 

@@ -22,7 +22,7 @@ from posefuse_studio.access import Access
 from posefuse_studio.calibrations import Project, projects, save_project
 from posefuse_studio.jobs import Jobs
 from posefuse_studio.pages import PAGES
-from posefuse_studio.setups import Setup, save_setup
+from posefuse_studio.setups import Setup, save_setup, setup_named
 from posefuse_studio.state import Studio
 from posefuse_studio.work import recordings
 from posefuse_studio.workspace import StudioWorkspace
@@ -99,6 +99,27 @@ def test_a_camera_is_added_by_its_address(tmp_path: Path, address: str) -> None:
         await user.should_see("cam1")
 
     visited(tmp_path, "/", use)
+
+
+def test_another_preset_is_not_written_over(tmp_path: Path) -> None:
+    workspace, earlier = StudioWorkspace(tmp_path), Setup(name="room", sources={"left": "usb:0"}, rig="rig.toml")
+    save_setup(workspace, earlier)
+
+    async def use(user: User) -> None:
+        user.find("e.g. rtsp://192.168.1.20/stream").type("usb:1")
+        user.find(kind=ui.button, content="Add").click()
+        user.find(kind=ui.button, content="Save as preset").click()
+        field(user, ui.input, "Name of the preset").set_value("room")
+        save = user.find(kind=ui.button, content="Save")
+        save.elements = {one for one in save.elements if one.text == "Save"}
+        save.click()
+        await user.should_see("room: there is a preset of this name already")
+        field(user, ui.input, "Name of the preset").set_value("room 2")
+        save.click()
+        await user.should_see("Saved as room 2")
+
+    visited(tmp_path, "/", use)
+    assert setup_named(workspace, "room") == earlier and setup_named(workspace, "room 2").sources == {"cam1": "usb:1"}
 
 
 def test_a_file_that_is_not_taken_as_a_video_is_refused_in_words(tmp_path: Path) -> None:

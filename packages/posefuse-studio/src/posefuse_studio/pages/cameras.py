@@ -152,8 +152,11 @@ class _Chooser:
         now, workspace = self._preset.value, self._studio.workspace
 
         def save() -> None:
-            save_setup(workspace, Setup(name=name.value.strip(), sources=self._sources, rig=rig.value or ""))
-            ui.notify(f"Saved as {name.value.strip()}", type="positive")
+            chosen = name.value.strip()
+            if chosen != now and chosen in presets(workspace):
+                raise InputError(f"{chosen}: there is a preset of this name already; load it to change it")
+            save_setup(workspace, Setup(name=chosen, sources=self._sources, rig=rig.value or ""))
+            ui.notify(f"Saved as {chosen}", type="positive")
             self._preset.set_options(presets(workspace))
 
         def delete() -> None:

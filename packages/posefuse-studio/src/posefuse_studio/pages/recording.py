@@ -98,11 +98,11 @@ class _Recording:
     def _videos(self, stream: str) -> None:
         playback, tiles = self._player.playback, list[CameraTile]()
         with card("Videos") as head:
-            with head:
-                CameraTile.overlay_switch(tiles)
             if not playback.has_images:
                 small(_NO_VIDEOS)
                 return
+            with head:
+                CameraTile.overlay_switch(tiles)
             with ui.element("div").classes("pf-player-tiles"):
                 for c, camera in enumerate(playback.recording.rig):
                     with ui.column().classes("pf-tile-box"):
