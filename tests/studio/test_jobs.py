@@ -205,12 +205,14 @@ def test_state_files_are_for_their_owner_only(workspace: StudioWorkspace) -> Non
         (Report(state="done", result={"failed": {"P01/walk1": "cam1: not a video"}}), ("doubt", "1 failed")),
         (Report(state="done", result={"files": ["a.trc"], "failed": {"c3d": "the disk is full"}}), ("doubt", "1 failed")),
         (Report(state="done", result={"failed": {}}), ("good", "done")),
+        (Report(state="done", result={"passed": False}), ("bad", "refused")),
+        (Report(state="done", result={"passed": True}), ("good", "done")),
         (Report(state="done"), ("good", "done")),
         (Report(state="failed"), ("bad", "failed")),
         (Report(state="running"), ("doubt", "running")),
     ],
 )
-def test_work_of_which_trials_or_files_failed_has_no_green_light(report: Report, shown: tuple[str, str]) -> None:
+def test_what_was_refused_or_failed_in_part_has_no_green_light(report: Report, shown: tuple[str, str]) -> None:
     assert state_of(report) == shown
 
 

@@ -192,7 +192,9 @@ def recording_address(name: str) -> str:
 
 
 def state_of(report: Report) -> tuple[str, str]:
-    """Light and word of a job; one of which trials or files failed is not good."""
+    """Light and word of a job; a calibration that was refused, and work of which trials or files failed, are not good."""
+    if report.result.get("passed") is False:
+        return "bad", "refused"
     if report.state == "done" and (failed := report.result.get("failed")):
         return "doubt", f"{len(failed)} failed"
     return {"done": "good", "failed": "bad", "lost": "bad", "cancelled": "off"}.get(report.state, "doubt"), report.state
