@@ -167,7 +167,7 @@ class PoseSequence:
 
 # the files have a rate and no times: time steps this far off it (in periods) would be moved silently
 _UNEVEN_PERIODS = 0.05
-# a clock that was set, or a session that was suspended for long, has no such steps
+# so many times as many: a clock that was set, or a machine that slept, would make a day of empty steps
 _MOST_SKIPPED = 10
 
 
@@ -179,14 +179,14 @@ def evenly_spaced(poses: PoseSequence) -> PoseSequence:
     """
     if len(poses) < 2:
         return poses
-    period_ns = float(np.median(np.diff(poses.t_ns)))
+    apart_ns = np.diff(poses.t_ns)
+    period_ns = float(np.median(apart_ns))
     at = (poses.t_ns - poses.t_ns[0]) / period_ns
     step = np.rint(at).astype(int)
-    late = np.abs(at - step).max()
-    if late > max(_UNEVEN_PERIODS, 1e-6 * len(poses)) or step[-1] > _MOST_SKIPPED * len(poses):
+    if np.abs(at - step).max() > max(_UNEVEN_PERIODS, 1e-6 * len(poses)) or step[-1] > _MOST_SKIPPED * len(poses):
         raise InputError(
-            f"C3D, BVH and glTF hold evenly spaced time steps only; these are up to {late:.2g} periods off {1e9 / period_ns:.6g} "
-            "Hz: set rate_hz (of a live session: `posefuse solve FILE.mcap` makes even ones)"
+            f"C3D, BVH and glTF hold evenly spaced time steps only; these are {apart_ns.min() * 1e-9:.4g} to "
+            f"{apart_ns.max() * 1e-9:.4g} s apart: set rate_hz (of a live session: `posefuse solve FILE.mcap` makes even ones)"
         )
     if step[-1] < len(poses):
         return poses

@@ -283,9 +283,8 @@ class EditCard:
 
     def _rename(self, person: int, name: str) -> None:
         if name.strip():
-            known = self._names
-            names = list(self._read().names) or [known.get(i, f"person {i}") for i in range(max(known) + 1)]
-            names += [f"person {i}" for i in range(len(names), person + 1)]
+            names, known = list(self._read().names), self._names
+            names += [known.get(i, f"person {i}") for i in range(len(names), max(known) + 1)]
             names[person] = name.strip()[:64]
             self._change(names=tuple(names))
 
