@@ -148,7 +148,7 @@ def test_recordings_of_one_calibration_are_not_turned_onto_each_other(ring_rig: 
     assert "one calibration" in compared((Path("a"), a), (Path("b"), b), None).notes[0]
     assert not compared((Path("a"), a), (Path("b"), moved), None).notes
     for asked in ({"scale": True}, {"align_first_s": 100.0}):
-        refusal(ConfigError, "leave out align_space=False", posefuse.compare, a, b, align_space=False, **asked)
+        refusal(ConfigError, "leave out `align_space=False`", posefuse.compare, a, b, align_space=False, **asked)
 
 
 def test_of_several_people_the_same_one_is_compared_whatever_their_order(tmp_path: Path, ring_rig: Callable[..., Rig]) -> None:

@@ -84,7 +84,7 @@ def compared(
     """
     asked = scale or start_s is not None
     if asked and not space:
-        raise ConfigError("scale and align_first_s (--align-first) align in space: leave out align_space=False (--no-space)")
+        raise ConfigError("`scale=True` and `align_first_s=S` align in space: leave out `align_space=False`")
     exact = isinstance(a, Path) and is_simulated(a)
     if isinstance(a, Path) and exact:
         tracks_b, rig_b = _read(b, person, simulated=True)
