@@ -85,8 +85,8 @@ def test_poses_come_while_the_session_runs(demo_session: Path, models: None) -> 
 def test_a_camera_that_cannot_be_opened_is_reported_at_the_start_and_nothing_is_left_behind(demo_session, models) -> None:
     rig = pf.read_rig(demo_session / "rig.toml")
     before = set(threading.enumerate())
-    nowhere = dict.fromkeys(rig.names, "video:nowhere.mp4")
-    with pytest.raises(SourceError, match=r"nowhere\.mp4"), pf.live(rig, nowhere):
+    nowhere = {name: f"video:{name}.mp4" for name in rig.names}
+    with pytest.raises(SourceError, match=r"cam00\.mp4"), pf.live(rig, nowhere):
         pass
     end_s = time.monotonic() + 10
     while set(threading.enumerate()) - before and time.monotonic() < end_s:

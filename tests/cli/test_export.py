@@ -6,6 +6,7 @@ import shutil
 from collections.abc import Callable
 from pathlib import Path
 
+import numpy as np
 import pytest
 from commands import as_options, error, tracked
 from running import python
@@ -15,11 +16,17 @@ import posefuse as pf
 from posefuse.cli.main import main
 from posefuse.core import InputError, Rig
 from posefuse.core.live_messages import LivePose, LiveStart
+from posefuse.formats.c3d import read_c3d
 from posefuse.formats.recording import read_recording
 from posefuse.formats.rig import write_rig
 from posefuse.outputs.rerun import FILE
 from posefuse.pipeline.writing import nearby_session, session_of_recording
 from posefuse_ros.mcap_output import RecordConfig
+
+
+def no_rate(_: pf.PoseSequence) -> pf.PoseSequence:
+    raise InputError("no rate")
+
 
 BEGIN_NS = 1_700_000_000_000_000_000
 
@@ -60,22 +67,35 @@ def test_a_result_is_never_written_over(result: Path, capsys: pytest.CaptureFixt
     assert {path: path.read_bytes() for path in result.iterdir()} == before
 
 
-def test_a_live_session_gives_files_and_an_output_that_fails_is_named(live, tmp_path, capsys) -> None:
+def test_a_live_session_gives_files_with_the_ticks_that_it_skipped(live, tmp_path) -> None:
+    out = tmp_path / "files"
+    assert main(["export", str(live), "--out", str(out), "--outputs", "trc,c3d"]) == 0
+    written = read_c3d(out / "pose.c3d")
+    assert written.rate_hz == pytest.approx(100)
+    nose = np.full((7, 3), np.nan)
+    nose[[0, 1, 2, 4, 5, 6]] = pf.read(live).poses.xyz_world[:, 0, 0]
+    np.testing.assert_allclose(written.xyz_world[:, 0], nose, atol=1e-6)
+
+
+def test_a_live_session_gives_files_and_an_output_that_fails_is_named(live, tmp_path, capsys, monkeypatch) -> None:
+    monkeypatch.setattr("posefuse.outputs.data_files.evenly_spaced", no_rate)
     out = tmp_path / "files"
     assert main(["export", str(live), "--out", str(out), "--outputs", "trc,c3d", "--json"]) == 1
     printed = capsys.readouterr()
     figures = json.loads(printed.out)
     assert figures["files"] == ["pose.trc"]
-    assert "posefuse solve FILE.mcap" in figures["failed"]["c3d"]
+    assert figures["failed"]["c3d"] == "no rate"
     assert "output c3d: not written" in " ".join(printed.err.split())
     assert (out / "pose.trc").stat().st_size > 0
-    with pytest.warns(UserWarning, match="c3d: not written .C3D holds evenly spaced time steps only"):
+    with pytest.warns(UserWarning, match="c3d: not written .no rate"):
         pf.read(live).export(tmp_path / "python", ["trc", "c3d"])
     assert (tmp_path / "python" / "pose.trc").read_bytes() == (out / "pose.trc").read_bytes()
 
 
-def test_an_export_of_which_nothing_can_be_written_leaves_no_folder(live, tmp_path, capsys) -> None:
-    assert "evenly spaced" in error(capsys, "export", live, "--out", tmp_path / "files", "--outputs", "c3d")
+def test_an_export_of_which_nothing_can_be_written_leaves_no_folder(live, tmp_path, capsys, monkeypatch) -> None:
+    monkeypatch.setattr("posefuse.outputs.data_files.evenly_spaced", no_rate)
+    assert "no rate" in error(capsys, "export", live, "--out", tmp_path / "files", "--outputs", "c3d")
+    assert "expected at least one of" in error(capsys, "export", live, "--out", tmp_path / "files", "--outputs", "")
     assert not (tmp_path / "files").exists()
     assert "no plug-in 'nothing'" in error(capsys, "export", live, "--out", tmp_path / "files", "--outputs", "trc,nothing")
 
@@ -121,6 +141,14 @@ def test_a_session_elsewhere_is_named_or_missed(study, demo_session, tmp_path, m
     assert not images_shown(result, None, monkeypatch)
     assert "without images: no session demo" in " ".join(capsys.readouterr().err.split())
     assert images_shown(result, demo_session, monkeypatch)
+
+
+def test_an_export_without_its_images_states_so(study: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    result, out = Path(shutil.copytree(study / "result", tmp_path / "alone")), str(tmp_path / "files")
+    words = "without images: no session of this recording is near; name it with --session DIR"
+    for options, stated in (("--outputs overlay", True), (f"--outputs overlay --session {study / 'demo'}", False), ("", False)):
+        assert main(["export", str(result), "--out", out, *options.split()]) == 0
+        assert (words in " ".join(capsys.readouterr().err.split())) == stated
 
 
 def test_another_session_is_refused(study: Path, tmp_path: Path) -> None:

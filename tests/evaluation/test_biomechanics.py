@@ -12,7 +12,8 @@ from checks import refusal
 from figure import sequence_of
 
 from bench.angle_errors import angle_errors, joints_from_lab, poses_from_lab
-from posefuse.core import DependencyError, InputError, Skeleton
+from posefuse.core import DependencyError, InputError, Recording, Skeleton
+from posefuse.core.observations import LIVE_STEP
 from posefuse.evaluation.biomechanics import BiomechanicsSettings, joints_of, write_biomechanics
 from posefuse.formats.c3d import C3dData, write_c3d
 from posefuse.formats.mot import read_mot
@@ -72,6 +73,36 @@ def test_every_file_has_the_same_values(recording, tmp_path, fit):
     np.testing.assert_allclose(read_mot(tmp_path / "angles.mot").column("knee_angle_l"), knee, rtol=1e-8)
     assert len(read_bvh(tmp_path / "skeleton.bvh")) == 24
     assert "Knee flexion" in (tmp_path / "report.html").read_text()
+
+
+@pytest.mark.parametrize("fit", ["none", "points"])
+def test_a_live_session_that_skipped_output_ticks_has_all_files_with_its_times(recording, tmp_path, fit):
+    import ezc3d
+
+    kept = np.delete(np.arange(24), [5, 11, 12])
+    poses, seen = recording.poses, recording.observations
+    fewer = dataclasses.replace(poses, t_ns=poses.t_ns[kept], **built.arrays_of(poses, lambda one: one[kept]))
+    logged = dataclasses.replace(seen, step_t_ns=np.zeros(0, np.int64), frame_step=np.full(len(seen.frame_step), LIVE_STEP))
+    write_biomechanics(Recording(rig=recording.rig, poses=fewer, observations=logged), tmp_path, BiomechanicsSettings(fit=fit))
+    points = ezc3d.c3d(str(tmp_path / "points_angles.c3d"))["data"]["points"][:3, poses.skeleton.index("left_knee")].T
+    assert len(points) == 24 and len(read_bvh(tmp_path / "skeleton.bvh")) == 24 and (tmp_path / "skeleton.glb").is_file()
+    np.testing.assert_allclose(points[kept], 1000 * poses.xyz_world[kept, 0, poses.skeleton.index("left_knee")], atol=20.0)
+    knee = read_mot(tmp_path / "angles.mot")
+    np.testing.assert_allclose(knee.column("knee_angle_l"), 40 + np.interp(knee.t_s, poses.t_ns * 1e-9, np.arange(24)), atol=1.0)
+
+
+def test_files_of_a_rate_are_left_out_where_the_times_have_none(recording, tmp_path):
+    poses, seen = recording.poses, recording.observations
+    t_ns = poses.t_ns + 7_000_000 * (np.arange(24) % 2)
+    there = dataclasses.replace(poses, t_ns=t_ns)
+    uneven = Recording(rig=recording.rig, poses=there, observations=dataclasses.replace(seen, step_t_ns=t_ns))
+    said = []
+    made = write_biomechanics(
+        uneven, tmp_path, BiomechanicsSettings(fit="none"), progress=lambda stage, done, total, line="": said.append(line)
+    )
+    assert {path.name for path in made} == {"angles.csv", "angles.mot", "report.html"} == {one.name for one in tmp_path.iterdir()}
+    [line] = [line for line in said if "evenly spaced" in line]
+    assert line.startswith("no points_angles.c3d, skeleton.bvh and .glb: ")
 
 
 def test_ezc3d_finds_points_and_angles(recording, tmp_path):

@@ -14,6 +14,7 @@ from checks import refusal
 
 from posefuse import __version__
 from posefuse.core import InputError, Recording
+from posefuse.core.poses import evenly_spaced
 from posefuse.formats.c3d import read_c3d
 from posefuse.formats.trc import read_trc
 from posefuse.outputs.data_files import C3dSink, CsvSink, TrcSink
@@ -51,8 +52,14 @@ def test_c3d_refuses_uneven_times(tmp_path: Path, make_recording: Make) -> None:
     t_ns[3:] += 20_000_000
     poses, observations = replace(recording.poses, t_ns=t_ns), replace(recording.observations, step_t_ns=t_ns)
     uneven = replace(recording, poses=poses, observations=observations)
-    refusal(InputError, r"evenly spaced .* 0\.5 periods off 25 Hz: set rate_hz", lambda: C3dSink().write(uneven, tmp_path))
+    refusal(InputError, r"evenly spaced .* 0\.04 to 0\.06 s apart: set rate_hz", lambda: C3dSink().write(uneven, tmp_path))
     assert not list(tmp_path.iterdir())
+
+
+def test_a_clock_that_was_set_makes_no_day_of_empty_frames(make_recording: Make) -> None:
+    poses = make_recording().poses
+    t_ns = poses.t_ns + np.where(np.arange(len(poses)) > 3, 86_400 * 10**9, 0)
+    refusal(InputError, r"0\.04 to 8\.64e\+04 s apart", evenly_spaced, replace(poses, t_ns=t_ns))
 
 
 def test_csv_is_tidy(tmp_path: Path, make_recording: Make) -> None:

@@ -13,7 +13,7 @@ pytest.importorskip("rosbags", reason="the extra `ros` is not installed")
 
 import posefuse
 from posefuse.cli.main import main
-from posefuse.core import SE3, InputError, LivePose, LiveStart, Pose3D, Recording, Rig
+from posefuse.core import SE3, ConfigError, InputError, LivePose, LiveStart, Pose3D, Recording, Rig
 from posefuse.core.observations import observations_from_frames
 from posefuse.core.skeleton import ANATOMICAL23
 from posefuse.evaluation.tracks import looped
@@ -100,7 +100,9 @@ def test_without_the_clock_it_would_be_another_moment(tmp_path: Path, world: Pat
 def test_a_recording_of_other_times_is_refused(tmp_path: Path, world: Path, ring_rig: Callable[..., Rig]) -> None:
     record(tmp_path / "a.mcap", ring_rig(3), 0.5, SimulatedClock())
     (world / "truth" / "loop.json").unlink()
-    assert "truth of a simulation" in compared(world, tmp_path / "a.mcap", None).notes[0]
+    assert "nothing is aligned, times" in compared(world, tmp_path / "a.mcap", None).notes[0]
+    asked = compared(world, tmp_path / "a.mcap", None, scale=True)
+    assert "simulation: times are its own" in asked.notes[0] and not np.array_equal(asked.alignment.rotation, np.eye(3))
     (world / "truth" / "loop.json").write_text('{"loop_ns": -1}')
     refusal(InputError, "nanoseconds > 0", compared, world, tmp_path / "a.mcap", None)
 
@@ -137,6 +139,8 @@ def test_recordings_of_one_calibration_are_not_turned_onto_each_other(ring_rig: 
     moved = replace(b, rig=b.rig.moved(SE3.from_rotvec([0.0, 0.0, 0.1], [0.0, 0.0, 0.0])))
     assert "one calibration" in compared((Path("a"), a), (Path("b"), b), None).notes[0]
     assert not compared((Path("a"), a), (Path("b"), moved), None).notes
+    for asked in ({"scale": True}, {"align_first_s": 100.0}):
+        refusal(ConfigError, "leave out `align_space=False`", posefuse.compare, a, b, align_space=False, **asked)
 
 
 def test_of_several_people_the_same_one_is_compared_whatever_their_order(tmp_path: Path, ring_rig: Callable[..., Rig]) -> None:

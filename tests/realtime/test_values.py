@@ -280,6 +280,8 @@ def test_sources_are_named_per_camera(ring_rig, demo_session) -> None:
         (["cam00=webcam:0"], "webcam.*usb"),
         (["video:x.mp4"], "CAMERA=KIND:WHERE"),
         (["cam00=video:x.mp4", "cam00=video:y.mp4"], "has a source already"),
+        (["cam00=video:x.mp4", "cam01=video:x.mp4"], "cam01=video:x.mp4: camera cam00 has the same one"),
+        (["cam00=usb:0", "cam01=usb:0"], "camera cam00 has the same one"),
     ],
 )
 def test_an_impossible_source_is_refused_with_a_list_of_sources(ring_rig, arguments: list[str], words: str) -> None:
@@ -350,6 +352,10 @@ def test_a_video_begins_again_at_every_turn(ring_rig, demo_session) -> None:
         (("--record", "/nowhere/x.mcap"), "there is no folder /nowhere"),
         (("--record-images",), "live_outputs record: path: missing"),
         (("--axes", "y_up"), "no output of this session has axes"),
+        (("--domain", "5"), "--domain 5: no source and no output is in ROS 2; leave it out, or add one"),
+        (("--peer", "10.0.0.7", "--peer", "10.0.0.8", "--record", "walk.mcap"), "--peer 10.0.0.7 10.0.0.8: no source"),
+        (("--local-only", "--osc", "127.0.0.1:9"), "--local-only: no source"),
+        (("--sim-time",), "--sim-time: no source"),
         (("--record", "walk"), "walk: expected a name that ends in .mcap"),
         (("--record", "walk.mcap", "--videos", "walk.mcap"), "the folder of --videos"),
         (("--record", "kept/walk.mcap", "--videos", "kept"), "the folder of --videos"),
@@ -374,6 +380,11 @@ def test_options_that_cannot_be_are_one_line_before_anything_starts(
     assert out == "" and words in err
     assert err.count("\n") == 1 and "Traceback" not in err
     assert sorted(tmp_path.rglob("*")) == sorted(kept)
+
+
+def test_where_ros_2_is_has_no_effect_on_a_recording_without_its_topics(demo_session, tmp_path, capsys) -> None:
+    assert cli.main(["record", "--source", f"sim:{demo_session}", "--out", str(tmp_path / "new"), "--domain", "5"]) == 1
+    assert "--domain 5: no source and no output is in ROS 2" in capsys.readouterr().err and not (tmp_path / "new").exists()
 
 
 # --- times of streams

@@ -145,3 +145,11 @@ def test_no_link_of_a_job_runs_in_the_browser(page: Any, lab: tuple[str, Path]) 
     link = page.get_by_role("link", name="Script", exact=True)
     link.wait_for()
     assert link.get_attribute("href") == "/"
+
+
+def test_the_button_that_closes_a_refusal_has_the_colour_of_its_words(page: Any, lab: tuple[str, Path]) -> None:
+    page.goto(lab[0])
+    page.get_by_role("button", name="Show images").click()
+    shown = page.locator(".q-notification")
+    colours = [one.evaluate("(one) => getComputedStyle(one).color") for one in (shown, shown.get_by_role("button", name="Close"))]
+    assert colours[0] == colours[1]

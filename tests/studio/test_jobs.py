@@ -190,14 +190,17 @@ def test_state_files_are_for_their_owner_only(workspace: StudioWorkspace) -> Non
 @pytest.mark.parametrize(
     ("report", "shown"),
     [
-        (Report(state="done", result={"trials": 2, "failed": {"P01/walk1": "cam1: not a video"}}), ("doubt", "1 of 2 failed")),
-        (Report(state="done", result={"trials": 2, "failed": {}}), ("good", "done")),
+        (Report(state="done", result={"failed": {"P01/walk1": "cam1: not a video"}}), ("doubt", "1 failed")),
+        (Report(state="done", result={"files": ["a.trc"], "failed": {"c3d": "the disk is full"}}), ("doubt", "1 failed")),
+        (Report(state="done", result={"failed": {}}), ("good", "done")),
+        (Report(state="done", result={"passed": False}), ("bad", "refused")),
+        (Report(state="done", result={"passed": True}), ("good", "done")),
         (Report(state="done"), ("good", "done")),
         (Report(state="failed"), ("bad", "failed")),
         (Report(state="running"), ("doubt", "running")),
     ],
 )
-def test_a_study_with_failed_trials_has_no_green_light(report: Report, shown: tuple[str, str]) -> None:
+def test_what_was_refused_or_failed_in_part_has_no_green_light(report: Report, shown: tuple[str, str]) -> None:
     assert state_of(report) == shown
 
 

@@ -10,7 +10,10 @@ from typing import Any
 import pytest
 from nicegui import ui
 from nicegui.testing import User, user_simulation
+from small_session import saved_session
 
+import posefuse as pf
+from posefuse.core import Rig
 from posefuse.detection import named_networks
 from posefuse_sim.rig_plan import camera_of
 from posefuse_sim.scene import read_scene
@@ -19,7 +22,7 @@ from posefuse_studio.access import Access
 from posefuse_studio.calibrations import Project, projects, save_project
 from posefuse_studio.jobs import Jobs
 from posefuse_studio.pages import PAGES
-from posefuse_studio.setups import Setup, save_setup
+from posefuse_studio.setups import Setup, save_setup, setup_named
 from posefuse_studio.state import Studio
 from posefuse_studio.work import recordings
 from posefuse_studio.workspace import StudioWorkspace
@@ -86,6 +89,70 @@ def test_a_page_shows_what_it_cannot_do(tmp_path: Path, started: list[tuple[str,
 
     visited(tmp_path, path, use)
     assert started == []
+
+
+@pytest.mark.parametrize("address", ["https://10.0.0.8/video.mjpg", "rtsps://10.0.0.7/stream", "usb:0"])
+def test_a_camera_is_added_by_its_address(tmp_path: Path, address: str) -> None:
+    async def use(user: User) -> None:
+        user.find("e.g. rtsp://192.168.1.20/stream").type(address)
+        user.find(kind=ui.button, content="Add").click()
+        await user.should_see("cam1")
+
+    visited(tmp_path, "/", use)
+
+
+def test_another_preset_is_not_written_over(tmp_path: Path) -> None:
+    workspace, earlier = StudioWorkspace(tmp_path), Setup(name="room", sources={"left": "usb:0"}, rig="rig.toml")
+    save_setup(workspace, earlier)
+
+    async def use(user: User) -> None:
+        user.find("e.g. rtsp://192.168.1.20/stream").type("usb:1")
+        user.find(kind=ui.button, content="Add").click()
+        user.find(kind=ui.button, content="Save as preset").click()
+        field(user, ui.input, "Name of the preset").set_value("room")
+        save = user.find(kind=ui.button, content="Save")
+        save.elements = {one for one in save.elements if one.text == "Save"}
+        save.click()
+        await user.should_see("room: there is a preset of this name already")
+        field(user, ui.input, "Name of the preset").set_value("room 2")
+        save.click()
+        await user.should_see("Saved as room 2")
+
+    visited(tmp_path, "/", use)
+    assert setup_named(workspace, "room") == earlier and setup_named(workspace, "room 2").sources == {"cam1": "usb:1"}
+
+
+def test_a_file_that_is_not_taken_as_a_video_is_refused_in_words(tmp_path: Path) -> None:
+    async def use(user: User) -> None:
+        [upload] = user.find(ui.upload).elements
+        next(one for one in upload._event_listeners.values() if one.type == "rejected").handler()
+        await user.should_see("Expected videos of at most 4 GB")
+
+    visited(tmp_path, "/", use)
+
+
+def test_a_dialog_is_no_part_of_what_is_drawn_again_below_it(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+    save_setup(StudioWorkspace(tmp_path), Setup(name="webcams", sources={"left": "usb:0", "right": "usb:1"}))
+
+    async def use(user: User) -> None:
+        user.find(kind=ui.button, content="New calibration").click()
+        user.find(kind=ui.button, content="Begin").click()
+        await user.should_see("Print targets")
+
+    visited(tmp_path, "/calibrate", use)
+    assert list(projects(StudioWorkspace(tmp_path))) == ["room"] and "deleted" not in caplog.text
+
+
+@pytest.mark.parametrize("seconds", [-5.0, 1e5])
+def test_no_plan_is_kept_that_cannot_be_opened(tmp_path: Path, seconds: float) -> None:
+    async def use(user: User) -> None:
+        await user.should_see("Expected of these cameras", retries=100)
+        field(user, ui.number, "Seconds").set_value(seconds)
+        user.find(kind=ui.button, content="Keep this plan").click()
+        await user.should_see("duration_s")
+
+    visited(tmp_path, "/simulate", use)
+    assert not list(tmp_path.rglob("*.yaml"))
 
 
 def test_targets_of_typed_sizes_are_printed_and_chosen(tmp_path: Path) -> None:
@@ -156,6 +223,32 @@ def test_a_study_has_the_network_that_was_chosen(tmp_path: Path, started: list[t
     for one in (arguments, {**arguments, "networks": ""}):
         recordings.batch_job(one, StudioWorkspace(tmp_path), lambda *_: None)
     assert tracked == [NETWORK, None]
+
+
+def test_names_that_were_given_to_people_are_there_when_the_page_is_opened_again(
+    tmp_path: Path, ring_rig: Callable[..., Rig]
+) -> None:
+    pf.read(saved_session(tmp_path, ring_rig)[1]).keep_edits(pf.Edits(names=("Grace",)))
+
+    async def use(user: User) -> None:
+        await user.should_see("Name of person 0", retries=100)
+        assert field(user, ui.input, "Name of person 0").value == "Grace"
+        assert field(user, ui.select, "Keep").options[0] == "Grace"
+
+    visited(tmp_path, "/recordings?open=result", use)
+
+
+def test_corrections_of_two_pages_are_all_kept(tmp_path: Path, ring_rig: Callable[..., Rig]) -> None:
+    recording = pf.read(saved_session(tmp_path, ring_rig)[1])
+    elsewhere = pf.Exclusion(start_s=0.1, end_s=0.2, camera="cam01")
+
+    async def use(user: User) -> None:
+        await user.should_see("Name of person 0", retries=100)
+        recording.keep_edits(pf.Edits(exclusions=(elsewhere,)))
+        field(user, ui.input, "Name of person 0").set_value("Grace")
+
+    visited(tmp_path, "/recordings?open=result", use)
+    assert recording.edits == pf.Edits(exclusions=(elsewhere,), names=("Grace",))
 
 
 def test_networks_are_those_that_find_keypoints() -> None:

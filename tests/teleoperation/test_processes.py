@@ -16,6 +16,7 @@ from live_session import Live, command, until
 pytest.importorskip("mujoco")
 pytest.importorskip("daqp")
 
+from posefuse.cli import main as cli
 from posefuse.core import ConfigError, SourceError
 from posefuse_teleop.process import RobotLink, RobotPlan
 from posefuse_teleop.settings import TeleoperationSettings
@@ -84,3 +85,24 @@ def test_ctrl_c_ends_a_session_in_order_and_its_figures_are_printed(demo_session
     running.process.send_signal(signal.SIGINT)
     figures = running.figures()
     assert figures["stopped_by"] == "SIGINT" and figures["phases"] and not figures["failed"]
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        ("--command pose", "--command: needs --ros or --ros1"),
+        ("--cmd-vel /cmd_vel", "--cmd-vel: needs --command joints"),
+        ("--cmd-vel /cmd_vel --ros --command twist", "--cmd-vel: needs --command joints"),
+        ("--cmd-vel-twist --ros --command joints", "--cmd-vel-twist: needs --cmd-vel"),
+        ("--controller /arm/commands --ros", "--controller: needs --command joints"),
+        ("--base-frame base", "--base-frame: needs --command"),
+        ("--view --ros --command pose", "--view: shows the simulated robot; --view-scene"),
+        ("--robot arm.xml --ros --command twist", "--robot: --command twist knows no model"),
+        ("--domain 5", "--domain 5: no source and no output is in ROS 2"),
+    ],
+)
+def test_no_option_of_a_robot_is_ignored(options, words, demo_session, capsys):
+    rig, source = str(demo_session / "rig.toml"), f"sim:{demo_session}"
+    assert cli.main(["teleoperate", rig, "--source", source, "--deadman", "gesture", *options.split()]) == 1
+    out, err = capsys.readouterr()
+    assert out == "" and words in err and err.count("\n") == 1

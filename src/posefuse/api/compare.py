@@ -40,7 +40,8 @@ def compare(
         The errors; `Comparison.save` writes a page with every point over time, and the figures.
 
     Raises:
-        InputError: a file that cannot be read, no common points, or no common time.
+        InputError: a file that cannot be read, no common points, or no common time. ConfigError: `scale` or `align_first_s`
+            without `align_space`.
 
     Examples:
         >>> import posefuse as pf

@@ -157,6 +157,12 @@ class LiveSession(Closing):
         """Keep the videos of all cameras in an existing folder from now on; None: finish them."""
         self._ask(KeepVideos(None if folder is None else Path(folder).absolute()))
 
+    def check_ros_is_used(self) -> None:
+        """Raise ConfigError where `ros` has settings that no source and no output of the start takes."""
+        from posefuse.realtime.inputs import check_ros_is_used
+
+        check_ros_is_used(self.ros, self._plan.inputs, self._plan.outputs)
+
     def switch_on(self, output: str, options: Mapping[str, Any] | None = None) -> None:
         """Open another output, see `live`; how it fares is in `outputs`. Where ROS is, it knows from there.
 

@@ -28,7 +28,7 @@ from posefuse.health.cameras import Event
 from posefuse.pipeline.config import read_changed
 from posefuse.realtime.config import LiveConfig, RunOptions
 from posefuse.realtime.fusion import Fusion
-from posefuse.realtime.inputs import inputs_from_arguments, rig_of_inputs, shown_again
+from posefuse.realtime.inputs import check_ros_is_used, inputs_from_arguments, rig_of_inputs, shown_again
 from posefuse.realtime.latency import STAGES
 from posefuse.realtime.networks import fetch_networks
 from posefuse.realtime.outputs import check_live_outputs
@@ -190,6 +190,7 @@ def track_live(
         rig, sources, config=config, settings=settings, outputs=outputs, ros=ros, axes=axes, duration_s=duration_s, loop_s=loop_s
     )  # fmt: skip
     check_enough(plan.inputs)
+    check_ros_is_used(ros or {}, plan.inputs, plan.outputs)
     count = len(plan.inputs)
     with shown(progress) as news:
         say = lines_of(news, "live")

@@ -18,7 +18,7 @@ from posefuse.formats.rig import write_rig
 from posefuse.foundation.output_folder import check_replaceable, find_unfinished, output_folder, read_mark
 from posefuse.foundation.summary import Block, Heading, Note, Table
 from posefuse.realtime.capture import LiveInput
-from posefuse.realtime.inputs import check_any, inputs_from_arguments, shown_again
+from posefuse.realtime.inputs import check_any, check_ros_is_used, inputs_from_arguments, shown_again
 from posefuse.realtime.session import stop_requests
 from posefuse.realtime.video_keeping import KeptCounts, read_counts, write_found_counts
 from posefuse.realtime.watching import CameraFeed, Watched, guide
@@ -179,6 +179,7 @@ def record(
     cameras = None if rig is None else rig_of(rig)
     inputs = inputs_from_arguments(sources, cameras, ros)
     check_any(inputs)
+    check_ros_is_used(ros or {}, inputs, {})
     if folder is not None:
         check_videos_folder(folder, command="record")
     names, placed = [entry.camera for entry in inputs], cameras if kind is None else None

@@ -22,6 +22,7 @@ _ARGUMENT = re.compile(r"`(\w+)=([^`]*)`")
 _OPTIONS = {
     "replace": "force", "rate_hz": "rate", "start_s": "start", "end_s": "end", "drift": "clocks drift", "max_offset_s": "most-s",
     "focal_known_to_percent": "refine-lenses", "camera_distance": "apart", "emergency_stop": "i-have-an-emergency-stop",
+    "domain_id": "domain", "peers": "peer", "align_space": "no-space", "align_first_s": "align-first",
 }  # fmt: skip
 
 
@@ -35,7 +36,7 @@ def in_options(text: str) -> str:
 
     def option(found: re.Match[str]) -> str:
         name, value = found.groups()
-        return f"--{_OPTIONS.get(name, name.replace('_', '-'))}" + ("" if value == "True" else f" {value}")
+        return f"--{_OPTIONS.get(name, name.replace('_', '-'))}" + ("" if value in ("True", "False") else f" {value}")
 
     return _ARGUMENT.sub(option, text)
 

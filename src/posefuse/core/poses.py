@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import DTypeLike
 
 from .arrays import Array, check_fields, freeze_fields, give_away, taken
-from .errors import ShapeError
+from .errors import InputError, ShapeError
 from .skeleton import Skeleton
 from .values import check_keypoints
 
@@ -165,6 +165,39 @@ class PoseSequence:
         return written.sequence()
 
 
+# the files have a rate and no times: time steps this far off it (in periods) would be moved silently
+_UNEVEN_PERIODS = 0.05
+# so many times as many: a clock that was set, or a machine that slept, would make a day of empty steps
+_MOST_SKIPPED = 10
+
+
+def evenly_spaced(poses: PoseSequence) -> PoseSequence:
+    """The same with a time step without people for each one that a live session skipped, for files that hold no times.
+
+    Raises:
+        InputError: other times that are not evenly spaced.
+    """
+    if len(poses) < 2:
+        return poses
+    apart_ns = np.diff(poses.t_ns)
+    period_ns = float(np.median(apart_ns))
+    at = (poses.t_ns - poses.t_ns[0]) / period_ns
+    step = np.rint(at).astype(int)
+    if np.abs(at - step).max() > max(_UNEVEN_PERIODS, 1e-6 * len(poses)) or step[-1] > _MOST_SKIPPED * len(poses):
+        raise InputError(
+            f"C3D, BVH and glTF hold evenly spaced time steps only; these are {apart_ns.min() * 1e-9:.4g} to "
+            f"{apart_ns.max() * 1e-9:.4g} s apart: set rate_hz (of a live session: `posefuse solve FILE.mcap` makes even ones)"
+        )
+    if step[-1] < len(poses):
+        return poses
+    t_ns = poses.t_ns[0] + np.rint(np.arange(step[-1] + 1) * period_ns).astype(np.int64)
+    t_ns[step] = poses.t_ns
+    written = WrittenPoses(t_ns, poses.skeleton, poses.person_id)
+    written.write(slice(None), poses.part(slice(1)).people(slice(0)), [])
+    written.write(step, poses)
+    return written.sequence()
+
+
 class WrittenPoses:
     """Room for the poses of people (N,) at times (T,); each time step must be written."""
 
@@ -177,7 +210,7 @@ class WrittenPoses:
             for name in _PLANES
         }
 
-    def write(self, steps: int | slice, poses: Pose3D | PoseSequence, people: list[int] | None = None) -> None:
+    def write(self, steps: int | slice | Array, poses: Pose3D | PoseSequence, people: list[int] | None = None) -> None:
         """Poses at a time step or several: of everybody, or of people at these places on axis N; the others are missing."""
         for name, plane in self._planes.items():
             if people is None:

@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from contextlib import suppress
+from dataclasses import replace
 from pathlib import Path
 from typing import Literal
 
 import numpy as np
 
-from posefuse.core import JointAngles, PoseSequence, Progress, Recording, Skeleton, silent
+from posefuse.core import InputError, JointAngles, PoseSequence, Progress, Recording, Skeleton, silent
 from posefuse.core.arrays import Array
-from posefuse.core.poses import point_sigma_m
+from posefuse.core.poses import evenly_spaced, point_sigma_m
 from posefuse.core.skeleton import SIDES
 from posefuse.core.view_sequences import PartsOfViews
 from posefuse.formats.bvh import write_bvh
@@ -122,6 +124,9 @@ def write_biomechanics(
         opensim_library()
     how = how_angles_are_made(recording.poses.skeleton, chosen)
     progress("report", 0, _STAGES, f"joint angles of {len(recording.poses)} time steps, {how}")
+    if recording.is_live:
+        with suppress(InputError):
+            recording = replace(recording, poses=evenly_spaced(recording.poses))
     poses, joints = joints_of(recording, chosen)
     if lacking := joints_without_points(poses.skeleton):
         progress("report", 1, _STAGES, lacking)
@@ -131,11 +136,10 @@ def write_biomechanics(
     for n in range(len(poses.person_id)):
         ending = person_suffix(recording, n)
         if np.isfinite(joints.angle_rad[:, n]).any():
-            notes, files = _person_files(poses, joints, n, folder, ending)
+            notes, files = _person_files(poses, joints, n, folder, ending, recording.person_names[n])
             for note in notes:
                 progress("report", 1, _STAGES, note)
-            made += [*files, folder / f"points_angles{ending}.c3d"]
-            write_c3d(made[-1], _c3d_data(poses, joints, n, recording.person_names[n]))
+            made += files
             if chosen.opensim or chosen.opensim_model:
                 made += _opensim_files(poses, n, folder / f"opensim{ending}", chosen)
     progress("report", 2, _STAGES, "gait cycles and the page")
@@ -153,19 +157,27 @@ def _cycles(poses: PoseSequence, joints: JointAngles) -> dict[int, list[CycleAng
     return {person: gait_cycles(joints, n, gait) for person, n, gait in found if gait is not None}
 
 
-def _person_files(poses: PoseSequence, joints: JointAngles, n: int, folder: Path, ending: str) -> tuple[list[str], list[Path]]:
+def _person_files(
+    poses: PoseSequence, joints: JointAngles, n: int, folder: Path, ending: str, name: str
+) -> tuple[list[str], list[Path]]:
     """What to say about the files of angles and of the moving skeleton, and these files."""
     made = [folder / f"angles{ending}.mot"]
     motion, note = motion_from_joints(joints, n)
     write_mot(made[0], motion)
     notes = [f"angles{ending}.mot: {note}"] if note else []
     del motion
+    try:
+        evenly_spaced(poses)
+    except InputError as error:
+        return [*notes, f"no points_angles{ending}.c3d, skeleton{ending}.bvh and .glb: {error}"], made
+    made.append(folder / f"points_angles{ending}.c3d")
+    write_c3d(made[-1], _c3d_data(poses, joints, n, name))
     if gap := animation_gap(joints, n):
         return [*notes, f"no skeleton{ending}.bvh and .glb: {gap}"], made
     made += [folder / f"skeleton{ending}.bvh", folder / f"skeleton{ending}.glb"]
     animation = animation_from_joints(poses, joints, n)
-    write_bvh(made[1], animation, _CENTIMETRES)
-    write_gltf(made[2], animation, skin=skin_of(animation))
+    write_bvh(made[-2], animation, _CENTIMETRES)
+    write_gltf(made[-1], animation, skin=skin_of(animation))
     return notes, made
 
 

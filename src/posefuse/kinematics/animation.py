@@ -11,6 +11,7 @@ from scipy.spatial.transform import Rotation, Slerp
 
 from posefuse.core import InputError, JointAngles, PoseSequence
 from posefuse.core.arrays import Array
+from posefuse.core.poses import evenly_spaced
 from posefuse.core.skeleton import SIDES
 from posefuse.formats.bvh import BvhData
 
@@ -36,7 +37,6 @@ _ENDS = {"head": ("nose",)} | {
     f"{side}_{segment}": tuple(f"{side}_{point}" for point in points) for side in SIDES for segment, points in _LIMB_END.items()
 }
 _LONGEST_GAP_S = 0.5
-_UNEVEN = 0.05
 
 
 def animation_from_joints(sequence: PoseSequence, joints: JointAngles, person: int = 0) -> BvhData:
@@ -53,7 +53,8 @@ def animation_from_joints(sequence: PoseSequence, joints: JointAngles, person: i
     Raises:
         InputError: no pelvis, a longer gap (names segment and time), or time steps that are not evenly spaced.
     """
-    frame_s = _frame_s(sequence.t_ns)
+    if len(sequence) < 2 or len(evenly_spaced(sequence)) > len(sequence):
+        raise InputError(f"animation: expected 2 or more evenly spaced time steps, got {len(sequence)}")
     world = joints.world_from_segment
     index = {name: s for s, name in enumerate(joints.segments)}
     names = ["pelvis"] + [name for name in PARENT if np.isfinite(world.xyz[:, person, index[name], 0]).any()]
@@ -88,7 +89,7 @@ def animation_from_joints(sequence: PoseSequence, joints: JointAngles, person: i
         names=tuple(labels),
         parent=np.array(parent),
         offset=np.array(offset),
-        frame_s=frame_s,
+        frame_s=float(np.diff(sequence.t_ns).mean()) * 1e-9,
         rotation=rotation,
         position=[pelvis[1] @ FILE_FROM_WORLD.T, *still],
     )
@@ -98,27 +99,10 @@ def _rooted(name: str, names: list[str]) -> bool:
     return name == "pelvis" or (PARENT[name] in names and _rooted(PARENT[name], names))
 
 
-def _frame_s(t_ns: Array) -> float:
-    problem = _uneven(t_ns)
-    if problem:
-        raise InputError(f"animation: {problem}")
-    return float(np.diff(t_ns).mean()) * 1e-9
-
-
-def _uneven(t_ns: Array) -> str | None:
-    steps = np.diff(t_ns) * 1e-9
-    if not len(steps):
-        return f"expected at least 2 time steps, got {len(t_ns)}"
-    if np.abs(steps - steps.mean()).max() <= _UNEVEN * steps.mean():
-        return None
-    return f"BVH and glTF hold evenly spaced time steps; these are {steps.min():.4f} to {steps.max():.4f} s apart: set rate_hz"
-
-
 def animation_gap(joints: JointAngles, person: int = 0) -> str | None:
-    """Why this person cannot be animated as they are: uneven times, a segment missing too long; None if they can."""
-    uneven = _uneven(joints.t_ns)
-    if uneven:
-        return uneven
+    """Why this person cannot be animated as they are: one time step, a segment missing too long; None if they can."""
+    if len(joints.t_ns) < 2:
+        return "expected at least 2 time steps, got 1"
     frames, t_s, seen_s = joints.world_from_segment[:, person], joints.t_ns * 1e-9, _seen_s(joints, person)
     for s, name in enumerate(joints.segments):
         known = np.isfinite(frames.xyz[:, s, 0])

@@ -13,9 +13,9 @@ from typing import ClassVar, Literal
 
 import numpy as np
 
-from posefuse.core import InputError, JointAngles, Kind, Recording, Sink
+from posefuse.core import JointAngles, Kind, Recording, Sink
 from posefuse.core.arrays import Array
-from posefuse.core.poses import point_sigma_m
+from posefuse.core.poses import evenly_spaced, point_sigma_m
 from posefuse.formats.c3d import C3dData, write_c3d
 from posefuse.formats.trc import TrcData, write_trc
 from posefuse.foundation.output_file import atomic_file, write_text
@@ -52,10 +52,6 @@ class TrcSink:
         return made
 
 
-# C3D has a rate and no times: time steps this far off it (in periods) would be moved silently
-_UNEVEN_PERIODS = 0.05
-
-
 @settings
 class C3dSink:
     """C3D files in millimetres, with standard deviations as residuals and the provenance in the group POSEFUSE."""
@@ -68,14 +64,7 @@ class C3dSink:
 
     def write(self, recording: Recording, folder: Path) -> list[Path]:
         """Write one file per person; returns the files made. Raises InputError for time steps that are not evenly spaced."""
-        poses, made = recording.poses, []
-        rate = rate_hz(poses)
-        late = (poses.t_ns - poses.t_ns[0]) * 1e-9 * rate - np.arange(len(poses))
-        if np.abs(late).max() > max(_UNEVEN_PERIODS, 1e-6 * len(poses)):
-            raise InputError(
-                f"C3D holds evenly spaced time steps only; these are up to {np.abs(late).max():.2g} periods off {rate:.6g} Hz: "
-                "set rate_hz (of a live session: `posefuse solve FILE.mcap` makes even ones), or leave c3d out of the outputs"
-            )
+        poses, made = evenly_spaced(recording.poses), []
         about = {
             "VERSION": str(provenance(recording)["version"]),
             "RIG_ID": recording.rig.id,
@@ -90,7 +79,7 @@ class C3dSink:
                     names=poses.skeleton.keypoints,
                     xyz_world=poses.xyz_world[:, n],
                     sigma_m=point_sigma_m(poses.cov_world[:, n]),
-                    rate_hz=rate,
+                    rate_hz=rate_hz(poses),
                     about=about,
                     subject=recording.person_names[n],
                 ),

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from posefuse.core import Progress, Recording, Rig, silent
+from posefuse.core import ConfigError, Progress, Recording, Rig, silent
 from posefuse.evaluation.biomechanics import BiomechanicsSettings, write_biomechanics
 from posefuse.evaluation.compare import Comparison, Tracks, compare
 from posefuse.evaluation.report import TITLE
@@ -80,8 +80,11 @@ def compared(
             where both are of one calibration, else the one seen longest. What is missing of a recording is a `UserWarning`.
 
     Raises:
-        InputError, SourceError: a file that cannot be read, or nothing in common.
+        InputError, SourceError: a file that cannot be read, or nothing in common. ConfigError: settings that exclude one another.
     """
+    asked = scale or start_s is not None
+    if asked and not space:
+        raise ConfigError("`scale=True` and `align_first_s=S` align in space: leave out `align_space=False`")
     exact = isinstance(a, Path) and is_simulated(a)
     if isinstance(a, Path) and exact:
         tracks_b, rig_b = _read(b, person, simulated=True)
@@ -90,11 +93,12 @@ def compared(
         tracks_a, rig_a = _read(a, person)
         tracks_b, rig_b = _read(b, person, (tracks_a, rig_a))
     one_world = exact or _share_a_world(rig_a, rig_b)
-    apart = not one_world or scale or start_s is not None
+    apart = not one_world or asked
     found = compare(tracks_a, tracks_b, time=time and not exact, space=space and apart, scale=scale, start_s=start_s)
     notes = []
     if exact:
-        notes.append(f"{tracks_a.name} is the truth of a simulation: nothing is aligned, times and world are its own")
+        own = "times are" if asked else "nothing is aligned, times and world are"
+        notes.append(f"{tracks_a.name} is the truth of a simulation: {own} its own")
     elif space and not apart:
         notes.append("both have the coordinates of one calibration: they are not aligned in space")
     return replace(found, inputs=tuple(one for one in (a, b) if isinstance(one, Path)), notes=tuple(notes))

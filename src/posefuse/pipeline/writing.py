@@ -10,11 +10,11 @@ from typing import Any, Literal, Protocol, runtime_checkable
 
 import numpy as np
 
-from posefuse.core import Frame, InputError, PosefuseError, Progress, Recording, Sink, Skeleton, SourceError
+from posefuse.core import ConfigError, Frame, InputError, PosefuseError, Progress, Recording, Sink, Skeleton, SourceError
 from posefuse.formats.recording import write_recording
 from posefuse.foundation.output_folder import OutputFolder, output_folder
 from posefuse.foundation.plugins import build_plugin
-from posefuse.outputs.frames import write_each
+from posefuse.outputs.frames import FrameSink, write_each
 from posefuse.sources import CountedSource
 
 from .opening import Opened, build_source
@@ -179,9 +179,13 @@ def export_recording(
         replace: move an earlier folder of the same kind aside. inputs: files that must not be written over.
 
     Raises:
-        ConfigError: no such format. InputError: the folder holds anything else, or what is needed cannot be written.
+        ConfigError: no such format, or none. InputError: the folder holds anything else, or what is needed cannot be written.
     """
     sinks, alone = build_sinks(formats, recording.poses.skeleton), command == "export"
+    if alone and not sinks:
+        raise ConfigError("export: expected at least one of the outputs that `posefuse plugins` lists, got none")
+    if alone and session is None and any(isinstance(sink, FrameSink) for sink in sinks):
+        progress("write", 0, None, "without images: no session of this recording is near; name it with `session=DIR`")
     with output_folder(path, command=command, inputs=inputs, replace=replace) as out:
         files, failed = write_result(recording, session, sinks, out, progress, outputs_alone=alone)
         if failed and not (alone and files):

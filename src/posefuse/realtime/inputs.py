@@ -38,7 +38,7 @@ def inputs_from_arguments(
         ros: settings that all ROS topics share: `ROS_FIELDS`.
 
     Raises:
-        SourceError: an argument that cannot be read, a camera the rig does not have, or one named twice.
+        SourceError: an argument that cannot be read, a camera the rig does not have, or a camera or source named twice.
         ConfigError: no such field of `ros`, or no such network.
     """
     _check_ros(ros or {})
@@ -47,8 +47,17 @@ def inputs_from_arguments(
         for entry in _entries(argument, rig, ros or {}):
             if entry.camera in found:
                 raise SourceError(f"source {argument}: camera {entry.camera} has a source already")
+            if same := [one.camera for one in found.values() if _is_same(one, entry)]:
+                raise SourceError(f"source {argument}: camera {same[0]} has the same one; give each camera its own")
             found[entry.camera] = entry
     return tuple(found[name] for name in (found if rig is None else rig.names) if name in found)
+
+
+def _is_same(one: LiveInput, other: LiveInput) -> bool:
+    """Of a scene there are all cameras, and a depth camera may be any that is free."""
+    if one.kind != other.kind or one.kind in ("sim", "realsense", "oak"):
+        return False
+    return bool(replace(one.config, camera=other.camera) == other.config)
 
 
 def shown_again(inputs: Sequence[LiveInput], loop_s: float | Literal["shortest"] | None) -> tuple[LiveInput, ...]:
@@ -66,6 +75,15 @@ def check_any(inputs: Sequence[LiveInput]) -> None:
     """Raise SourceError where no camera has a source."""
     if not inputs:
         raise SourceError("expected a source for at least 1 camera, got none; give `source=CAMERA=KIND:WHERE`")
+
+
+def check_ros_is_used(ros: Mapping[str, Any], inputs: Sequence[LiveInput], outputs: Mapping[str, object]) -> None:
+    """Raise ConfigError where `ros` has settings that no input and no output takes; a recording is in ROS for its time alone."""
+    in_ros = [name for name, one in outputs.items() if hasattr(one, "domain_id") and (name != "record" or "sim_time" in ros)]
+    if ros and not in_ros and all(entry.kind != "ros" for entry in inputs):
+        name, value = next(iter(ros.items()))
+        shown = value if isinstance(value, (bool, int, str)) else " ".join(value)
+        raise ConfigError(f"`{name}={shown}`: no source and no output is in ROS 2; leave it out, or add one")
 
 
 def rig_of_inputs(rig: Rig, inputs: Sequence[LiveInput], use: CameraInfoUse, say: Callable[[str], None]) -> Rig:

@@ -138,7 +138,8 @@ def refused(text: str) -> None:
 @contextmanager
 def dialog(heading: str, actions: Mapping[str, Callable[[], object]]) -> Iterator[None]:
     """Ask for what the block places; a button for each action, the first one the main one, closes it unless that is refused."""
-    with ui.dialog(value=True) as shown, card(heading):
+    # of the page, not of what is drawn again where the button was pressed
+    with ui.context.client.content, ui.dialog(value=True) as shown, card(heading):
 
         def done(act: Callable[[], object]) -> None:
             act()
@@ -191,10 +192,11 @@ def recording_address(name: str) -> str:
 
 
 def state_of(report: Report) -> tuple[str, str]:
-    """Light and word of a job; a study of which trials failed is not good."""
-    failed = report.result.get("failed")
-    if report.state == "done" and failed:
-        return "doubt", f"{len(failed)} of {report.result['trials']} failed"
+    """Light and word of a job; a calibration that was refused, and work of which trials or files failed, are not good."""
+    if report.result.get("passed") is False:
+        return "bad", "refused"
+    if report.state == "done" and (failed := report.result.get("failed")):
+        return "doubt", f"{len(failed)} failed"
     return {"done": "good", "failed": "bad", "lost": "bad", "cancelled": "off"}.get(report.state, "doubt"), report.state
 
 

@@ -159,8 +159,18 @@ def teleoperate(
     from posefuse.pipeline.config import read_changed
     from posefuse_teleop.settings import RosPlan
 
-    if ros.command and not (ros.ros or ros.ros1):
-        raise ConfigError(f"--command {ros.command}: needs --ros or --ros1")
+    wanted, joints = ros.ros or ros.ros1, ros.command == "joints"
+    for option, given, used, needs in (
+        ("--command", ros.command, wanted, "needs --ros or --ros1"),
+        ("--controller", ros.controller != RosPlan.controller, joints, "needs --command joints"),
+        ("--cmd-vel", ros.cmd_vel, joints, "needs --command joints"),
+        ("--cmd-vel-twist", ros.cmd_vel_twist, ros.cmd_vel, "needs --cmd-vel TOPIC"),
+        ("--base-frame", ros.base_frame != RosPlan.base_frame, ros.command, "needs --command"),
+        ("--robot", robot.robot != "sim", joints or not ros.command, f"--command {ros.command} knows no model of the robot"),
+        ("--view", robot.view, not ros.command, "shows the simulated robot; --view-scene shows the one of --command"),
+    ):
+        if given and not used:
+            raise ConfigError(f"{option}: {needs}")
     if ros.ros and ros.ros1:
         raise ConfigError("--ros --ros1: expected one of them")
     if not source:
@@ -175,7 +185,8 @@ def teleoperate(
         duration_s=timing.duration,
         loop_s=timing.loop,
     )
-    wanted = ros.ros or ros.ros1
+    if not (wanted or robot.deadman.startswith("ros:")):
+        session.check_ros_is_used()
     plan = RosPlan(
         version=1 if ros.ros1 else 2,
         network=package_of_extra("posefuse_ros.dds_domain", "ros").Network(**ros_2.network) if wanted else None,

@@ -157,7 +157,8 @@ def _check_ids(owner: str, dictionary: str, ids: Sequence[int]) -> None:
     if any(not 0 <= number < count for number in ids):
         used = f"{min(ids)} to {max(ids)}" if len(ids) > 1 else f"{ids[0]}"
         raise ConfigError(
-            f"{owner}: {dictionary} has markers 0 to {count - 1}, this target needs {used}; take a larger dictionary or other ids"
+            f"{owner}: {dictionary} has markers 0 to {count - 1}, this target needs {used}; take a smaller target, a larger "
+            "dictionary or other ids"
         )
 
 

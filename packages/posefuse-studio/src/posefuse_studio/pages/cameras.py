@@ -11,12 +11,12 @@ from nicegui import ui
 from posefuse.core import InputError
 from posefuse_studio.jobs import WATCH
 from posefuse_studio.setups import Found, Setup, delete_setup, found_sources, presets, save_setup, setup_named
-from posefuse_studio.shell import camera_tiles, card, dialog, icon_button, job_lines, recent, redrawn, small, title
+from posefuse_studio.shell import camera_tiles, card, dialog, icon_button, job_lines, recent, redrawn, refused, small, title
 from posefuse_studio.state import Studio
-from posefuse_studio.workspace import check_name
+from posefuse_studio.workspace import MOST_UPLOAD_BYTES, check_name
 
 # of an address, by how it begins
-_KINDS = ("rtsp://", "http://", "usb:", "realsense:", "oak:", "ros:/")
+_KINDS = ("rtsp://", "rtsps://", "http://", "https://", "usb:", "realsense:", "oak:", "ros:/")
 
 
 def build(studio: Studio) -> None:
@@ -91,9 +91,14 @@ class _Chooser:
                 what = ui.input("e.g. rtsp://192.168.1.20/stream").classes("pf-grow")
                 ui.button("Add", on_click=add).props("outline")
         with card("Upload videos"):
-            ui.upload(multiple=True, auto_upload=True, max_file_size=4 * 2**30, on_upload=self._uploaded).props(
-                'accept="video/*" flat bordered label="Press + or drop videos here"'
-            )
+            why = f"Expected videos of at most {MOST_UPLOAD_BYTES / 2**30:g} GB; copy others into {self._studio.workspace.root}"
+            ui.upload(
+                multiple=True,
+                auto_upload=True,
+                max_file_size=MOST_UPLOAD_BYTES,
+                on_upload=self._uploaded,
+                on_rejected=lambda: refused(why),
+            ).props('accept="video/*" flat bordered label="Press + or drop videos here"')
 
     async def _uploaded(self, event: Any) -> None:
         name = await self._studio.workspace.upload("videos", event.file.name, event.file.iterate())
@@ -147,8 +152,11 @@ class _Chooser:
         now, workspace = self._preset.value, self._studio.workspace
 
         def save() -> None:
-            save_setup(workspace, Setup(name=name.value.strip(), sources=self._sources, rig=rig.value or ""))
-            ui.notify(f"Saved as {name.value.strip()}", type="positive")
+            chosen = name.value.strip()
+            if chosen != now and chosen in presets(workspace):
+                raise InputError(f"{chosen}: there is a preset of this name already; load it to change it")
+            save_setup(workspace, Setup(name=chosen, sources=self._sources, rig=rig.value or ""))
+            ui.notify(f"Saved as {chosen}", type="positive")
             self._preset.set_options(presets(workspace))
 
         def delete() -> None:

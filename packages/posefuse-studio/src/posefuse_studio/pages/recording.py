@@ -98,11 +98,11 @@ class _Recording:
     def _videos(self, stream: str) -> None:
         playback, tiles = self._player.playback, list[CameraTile]()
         with card("Videos") as head:
-            with head:
-                CameraTile.overlay_switch(tiles)
             if not playback.has_images:
                 small(_NO_VIDEOS)
                 return
+            with head:
+                CameraTile.overlay_switch(tiles)
             with ui.element("div").classes("pf-player-tiles"):
                 for c, camera in enumerate(playback.recording.rig):
                     with ui.column().classes("pf-tile-box"):
@@ -219,10 +219,7 @@ class EditCard:
         self._studio, self._name, self._recording, self._now = studio, name, recording, now
         self._from_s: float | None = None
         self.edits = pf.Edits()
-        try:
-            self.edits = recording.edits
-        except PosefuseError as error:
-            refused(str(error))
+        self._read(refused)
         with card("Corrections"):
             small("Mark what should not count, then solve again: without new detection, and this recording stays.")
             with ui.row().classes("pf-tools"):
@@ -232,7 +229,7 @@ class EditCard:
                 )
                 self._end = ui.button("End here", icon="last_page", on_click=self._add)
                 self._end.set_enabled(False)
-            self._show = redrawn(lambda: self.edits.exclusions, self._list, classes="pf-edits")
+            self._show = redrawn(lambda: self._read().exclusions, self._list, classes="pf-edits")
             self._people()
             with ui.row().classes("pf-tools"):
                 self._out = ui.input("New name", value=recording_place(name).stem + "-edited").props("dense outlined")
@@ -260,8 +257,17 @@ class EditCard:
 
     @property
     def _names(self) -> dict[int, str]:
-        """By id."""
-        return dict(zip(self._recording.poses.person_id.tolist(), self._recording.person_names, strict=True))
+        """By id, as corrected."""
+        earlier = zip(self._recording.poses.person_id.tolist(), self._recording.person_names, strict=True)
+        return {person: self.edits.names[person] if person < len(self.edits.names) else name for person, name in earlier}
+
+    def _read(self, show: Callable[[str], object] = bool) -> pf.Edits:
+        """As they are kept now: another page may show the same recording. `show`: is given why they cannot be read."""
+        try:
+            self.edits = self._recording.edits
+        except PosefuseError as error:
+            show(str(error))
+        return self.edits
 
     def _mark(self, from_s: float | None) -> None:
         self._from_s = from_s
@@ -272,19 +278,18 @@ class EditCard:
         if self.marked_s is not None:
             start_s, end_s = (round(t_s, 3) for t_s in self.marked_s)
             camera = None if self._camera.value == _ALL else self._camera.value
+            self._change(exclusions=(*self._read().exclusions, pf.Exclusion(start_s=start_s, end_s=end_s, camera=camera)))
             self._mark(None)
-            self._change(exclusions=(*self.edits.exclusions, pf.Exclusion(start_s=start_s, end_s=end_s, camera=camera)))
 
     def _rename(self, person: int, name: str) -> None:
         if name.strip():
-            known = self._names
-            names = list(self.edits.names) or [known.get(i, f"person {i}") for i in range(max(known) + 1)]
-            names += [f"person {i}" for i in range(len(names), person + 1)]
+            names, known = list(self._read().names), self._names
+            names += [known.get(i, f"person {i}") for i in range(len(names), max(known) + 1)]
             names[person] = name.strip()[:64]
             self._change(names=tuple(names))
 
     def _change(self, **changes: object) -> None:
-        edits: pf.Edits = dataclasses.replace(self.edits, **changes)  # type: ignore[arg-type]
+        edits: pf.Edits = dataclasses.replace(self._read(), **changes)  # type: ignore[arg-type]
         self._recording.keep_edits(edits)
         self.edits = edits
         self._show()

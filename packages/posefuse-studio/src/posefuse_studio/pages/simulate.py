@@ -14,9 +14,10 @@ from nicegui import events, ui
 
 import posefuse as pf
 from posefuse.core.arrays import Array
+from posefuse.foundation.settings import settings_from_mapping
 from posefuse_sim import rig_plan
 from posefuse_sim.cameras import ImageSettings, PlacedCamera, placed_cameras
-from posefuse_sim.scene import Scene, read_scene, scene_text
+from posefuse_sim.scene import Scene, plain_settings, read_scene, scene_text
 from posefuse_studio.scene import RigScene
 from posefuse_studio.scene_messages import page_message, scene_setup
 from posefuse_studio.shell import card, job_lines, recent, show_summary, small, title
@@ -119,9 +120,11 @@ class _Plan:
 
         def keep() -> str:
             check_name(name.value)
+            scene = rig_plan.with_test_walk(self._scene, float(seconds.value or 6))
+            # fields hold what is typed until they are left
+            settings_from_mapping(plain_settings(scene), Scene, where="plan")
             file = workspace.free_name(PLANS, name.value, ".yaml")
-            text = scene_text(rig_plan.with_test_walk(self._scene, float(seconds.value or 6)))
-            workspace.path(file).write_text(text, encoding="utf-8")
+            workspace.path(file).write_text(scene_text(scene), encoding="utf-8")
             ui.notify(f"Kept as {file}")
             return file
 
