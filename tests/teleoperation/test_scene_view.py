@@ -1,16 +1,20 @@
 """What the Rerun view of teleoperation is given, read back by Rerun's own tool."""
 
+import sys
 from dataclasses import replace
 
 import numpy as np
 import pytest
+from checks import refusal
 from running import python
 
 pytest.importorskip("rerun", reason="the extra `viewer` is not installed")
 
 from bench.rehearsal.faults import engaged_world, tick
 from bench.rehearsal.world import settings_for
+from posefuse.core import DependencyError
 from posefuse_teleop.scene_view import SceneView, _xyzw_from_z
+from posefuse_teleop.settings import TeleoperationSettings
 
 
 def test_operator_robot_box_and_keep_out_are_shown(tmp_path):
@@ -36,3 +40,9 @@ def test_capsules_lie_along_their_bones():
     x, y, z, w = _xyzw_from_z(wanted).T
     turned = np.stack([2 * (x * z + w * y), 2 * (y * z - w * x), 1 - 2 * (x**2 + y**2)], axis=1)
     np.testing.assert_allclose(turned, wanted, atol=1e-6)
+
+
+def test_without_rerun_it_names_the_extra(monkeypatch, tmp_path) -> None:
+    monkeypatch.setitem(sys.modules, "rerun.blueprint", None)
+    monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
+    refusal(DependencyError, r"posefuse\[viewer\]", SceneView, TeleoperationSettings(), str(tmp_path / "scene.rrd"))

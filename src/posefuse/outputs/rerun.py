@@ -11,7 +11,7 @@ import json
 import subprocess
 import sys
 import tempfile
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar
 
@@ -62,7 +62,7 @@ def check_viewer() -> None:
         )
 
 
-def opened_stream(title: str, place: str, blueprint: rr.blueprint.Blueprint) -> rr.RecordingStream:
+def opened_stream(title: str, place: str, blueprint: Callable[[], rr.blueprint.Blueprint]) -> rr.RecordingStream:
     """A live stream into a viewer of its own (`place` is ``spawn``) or into the .rrd file `place`.
 
     Raises:
@@ -73,10 +73,10 @@ def opened_stream(title: str, place: str, blueprint: rr.blueprint.Blueprint) -> 
 
     stream = rr.RecordingStream(title)
     if place != SPAWN:
-        stream.save(place, default_blueprint=blueprint)
+        stream.save(place, default_blueprint=blueprint())
         return stream
     check_viewer()
-    stream.spawn(memory_limit=_MEMORY, default_blueprint=blueprint)
+    stream.spawn(memory_limit=_MEMORY, default_blueprint=blueprint())
     return stream
 
 

@@ -46,7 +46,7 @@ class SceneView:
 
     def __init__(self, settings: TeleoperationSettings, place: str) -> None:
         self._settings = settings
-        self._stream = opened_stream("posefuse teleoperate", place, _blueprint())
+        self._stream = opened_stream("posefuse teleoperate", place, _blueprint)
         self._shown_ns: int | None = None
         self._first_ns = 0
         self._trail: deque[Array] = deque(maxlen=_TRAIL)

@@ -111,7 +111,7 @@ class RerunLiveOutput:
             self.where = str(part_path(self._config.file, start.part))
         place = SPAWN if self._config.file is None else self.where
         self._rig, self._zero_ns, self._names = start.rig, start.t_ns, dict(enumerate(start.names))
-        self._stream = opened_stream("posefuse live", place, session_blueprint(start.rig.names, _below()))
+        self._stream = opened_stream("posefuse live", place, lambda: session_blueprint(start.rig.names, _below()))
         log_cameras(self._stream, start.rig.cameras, _GOOD_RGB)
         for number, camera in enumerate(self._rig):
             line = rr.SeriesLines(colors=plot_rgb(number), names=camera.name)
