@@ -59,6 +59,16 @@ def test_two_who_left_are_distinguished_when_they_return_elsewhere(back: tuple[i
     assert person_at(room.state.names, 3, begin_ns) == back[0], "known from its first frame on, once it is known"
 
 
+def test_who_may_be_either_of_two_alike_gets_one_of_their_names_after_more_frames() -> None:
+    room = Room([1.0, 1.0], people_max=2)
+    room.frames(40, {0: (0, 0.0), 1: (1, 1.5)})
+    room.frames(30, {})
+    room.frames(6, {2: (0, 3.0)})
+    assert room.state.person_of(2) == UNNAMED
+    room.frames(4, {2: (0, 3.0)})
+    assert room.state.person_of(2) in (0, 1)
+
+
 @pytest.mark.parametrize("exchanged", [False, True])
 def test_two_who_touched_are_distinguished_after_they_part(exchanged: bool) -> None:
     room = Room([0.95, 1.05], people_max=2)
