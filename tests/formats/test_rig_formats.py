@@ -230,6 +230,12 @@ def test_files_that_are_no_rig(tmp_path: Path, name: str, content: bytes, words:
     refusal(CalibrationError, words, read_rig, tmp_path / name)
 
 
+def test_a_session_stands_for_its_rig_whatever_else_it_holds(ring_rig, tmp_path: Path) -> None:
+    write_rig(tmp_path / "rig.toml", ring_rig(2))
+    (tmp_path / "scene.yaml").write_text("cameras: of a simulation\n")
+    assert read_rig(tmp_path).id == ring_rig(2).id
+
+
 READINGS: dict[str, Callable[[SE3], SE3]] = {
     "the inverse of poses": lambda pose: pose.inverse(),
     "camera centres for t": lambda pose: SE3(pose.wxyz, pose.inverse().xyz),

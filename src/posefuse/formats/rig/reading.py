@@ -95,7 +95,7 @@ _FOLDER_SUFFIXES = (".yaml", ".yml", ".json")
 
 
 def read_rig(path: Path | str) -> Rig:
-    """The rig in a file, or in a folder of one file per camera; the format is recognised by its content.
+    """The rig in a file, a folder with a ``rig.toml``, or one of a file per camera; the format is recognised by its content.
 
     Raises:
         CalibrationError: no such file, a format not known (lists those that are), or a rig that cannot be right: a
@@ -104,8 +104,9 @@ def read_rig(path: Path | str) -> Rig:
             file, camera, what was expected and what was there.
     """
     path = Path(path)
-    if path.is_dir():
+    if path.is_dir() and not (path / "rig.toml").is_file():
         return _read_folder(path)
+    path = path / "rig.toml" if path.is_dir() else path
     if not path.is_file():
         raise CalibrationError(f"{path}: no such calibration file or folder")
     content = read_document(path)
