@@ -469,8 +469,11 @@ def test_joints_of_our_inverse_kinematics_go_to_a_controller(tmp_path, controlle
         robot.close()
 
 
-def test_what_cannot_be_is_refused_in_one_line():
-    refusal(ConfigError, "the model of the robot", open_ros_robot, "joints", PLAN, None, ("tool",), SETTINGS)
+def test_what_cannot_be_is_refused_in_one_line_and_leaves_the_network():
+    node = Node()
+    plan = SimpleNamespace(node=lambda name: node)
+    refusal(ConfigError, "the model of the robot", open_ros_robot, "joints", plan, None, ("tool",), SETTINGS)
+    assert node.closed
 
 
 def test_state_target_box_and_diagnostics_are_recorded(tmp_path):

@@ -15,7 +15,7 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Callable, Iterable, Sequence
-from contextlib import suppress
+from contextlib import ExitStack, suppress
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -113,25 +113,24 @@ def open_ros_robot(
     Raises:
         SourceError: no state comes. ConfigError: a model that does not fit. DependencyError: ROS 1 without rospy.
     """
-    node = plan.node("posefuse_robot")
     place = placed(settings.robot.position_xy_m, settings.robot.heading_deg)
     robot: RosJoints | RosCartesian
-    if command == "joints":
-        if model is None:
-            raise ConfigError(
-                "--command joints: expected --robot FILE.xml, the model of the robot; there is no other way to know its joints"
-            )
-        robot = RosJoints(
-            node, plan, Chain(mujoco_model(model, settings.hands), frames, settings.limits.collision_m), settings.limits, place
-        )
-    else:
-        robot = RosCartesian(node, plan, command, tuple(frames), place)
-    end_s = time.monotonic() + _FIRST_S
-    while not robot.known() and time.monotonic() < end_s:
-        time.sleep(0.02)
-    if not robot.known():
-        robot.close()
-        raise SourceError(f"robot: nothing of {robot.needs} came within {_FIRST_S:g} s")
+    with ExitStack() as refused:
+        node = plan.node("posefuse_robot")
+        refused.callback(node.close)
+        if command == "joints":
+            if model is None:
+                raise ConfigError("--command joints: expected --robot FILE.xml, the model of the robot, by which its joints are known")
+            chain = Chain(mujoco_model(model, settings.hands), frames, settings.limits.collision_m)
+            robot = RosJoints(node, plan, chain, settings.limits, place)
+        else:
+            robot = RosCartesian(node, plan, command, tuple(frames), place)
+        end_s = time.monotonic() + _FIRST_S
+        while not robot.known() and time.monotonic() < end_s:
+            time.sleep(0.02)
+        if not robot.known():
+            raise SourceError(f"robot: nothing of {robot.needs} came within {_FIRST_S:g} s")
+        refused.pop_all()
     return robot
 
 
