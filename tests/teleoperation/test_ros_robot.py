@@ -472,7 +472,7 @@ def test_joints_of_our_inverse_kinematics_go_to_a_controller(tmp_path, controlle
 def test_what_cannot_be_is_refused_in_one_line_and_leaves_the_network():
     node = Node()
     plan = SimpleNamespace(node=lambda name: node)
-    refusal(ConfigError, "the model of the robot", open_ros_robot, "joints", plan, None, ("tool",), SETTINGS)
+    refusal(ConfigError, "the model by which its joints", open_ros_robot, "joints", plan, None, ("tool",), SETTINGS)
     assert node.closed
 
 

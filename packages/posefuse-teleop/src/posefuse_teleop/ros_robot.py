@@ -120,7 +120,7 @@ def open_ros_robot(
         refused.callback(node.close)
         if command == "joints":
             if model is None:
-                raise ConfigError("--command joints: expected --robot FILE.xml, the model of the robot, by which its joints are known")
+                raise ConfigError("--command joints: expected --robot FILE.xml, the model by which its joints are known")
             chain = Chain(mujoco_model(model, settings.hands), frames, settings.limits.collision_m)
             robot = RosJoints(node, plan, chain, settings.limits, place)
         else:
