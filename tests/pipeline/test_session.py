@@ -292,19 +292,21 @@ def test_hands_and_face_reach_3d_and_every_file(project: Path, tmp_path: Path, r
 
 
 @pytest.mark.parametrize(
-    ("frames", "words"),
+    ("frames", "start_s", "words"),
     [
-        ({"cam00": [1], "cam01": [20261122153000]}, "frame numbers 1 to 20261122153000: 2.026e+13 time steps"),
-        ({"cam00": range(40), "cam01": range(20)}, "warning: camera cam01: it stops at 0.63 s, the recording at 1.30 s"),
+        ({"cam00": [1], "cam01": [20261122153000]}, 0.0, "frame numbers 1 to 20261122153000: 2.026e+13 time steps"),
+        ({"cam00": range(40), "cam01": range(20)}, 0.0, "warning: camera cam01: it stops at 0.63 s, the recording at 1.30 s"),
+        ({"cam00": range(90), "cam01": [*range(15), *range(70, 90)]}, 0.5, "cam01: 73% of its frames cannot be read (55 of 75)"),
     ],
-    ids=["numbered by date", "truncated"],
+    ids=["numbered by date", "truncated", "a part is missing, from --start on"],
 )
-def test_what_the_numbers_of_openpose_files_show_is_named(frames: dict, words: str, demo_session, tmp_path, capsys) -> None:
+def test_what_the_numbers_of_openpose_files_show_is_named(frames, start_s, words, demo_session, tmp_path, capsys) -> None:
     for camera, numbers in frames.items():
         write_openpose(tmp_path / "session" / "pose2d" / camera, dict.fromkeys(numbers, np.full((1, 17, 2), [300.0, 200.0])))
     (tmp_path / "session" / "rig.toml").write_bytes((demo_session / "rig.toml").read_bytes())
-    main(["track", str(tmp_path / "session"), "--out", str(tmp_path / "out"), "--outputs", "", "--rate", "30"])
-    assert words in capsys.readouterr().err
+    out, options = tmp_path / "out", ("--outputs", "", "--rate", "30", "--start", f"{start_s}")
+    main(["track", str(tmp_path / "session"), "--out", str(out), *options])
+    assert words in " ".join(capsys.readouterr().err.split())
 
 
 # --- settings: every default once, every wrong key or value one line that says what is allowed
