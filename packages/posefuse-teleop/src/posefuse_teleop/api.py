@@ -58,7 +58,6 @@ def teleoperate(
         >>> session = pf.live("rig.toml", {"cam1": "usb:0", "cam2": "usb:1"})  # doctest: +SKIP
         >>> pf.teleoperate(session, deadman="web", robot="sim").engagements  # doctest: +SKIP
     """
-    from posefuse.foundation.output_file import check_output_file
     from posefuse.realtime.session import stop_requests
     from posefuse_teleop.process import RobotLink, RobotPlan
     from posefuse_teleop.session import run_control_loop
@@ -66,13 +65,9 @@ def teleoperate(
     from posefuse_teleop.switches import open_deadman
 
     settings = settings or TeleoperationSettings()
-    _check(settings, command)
-    for option, path in (("record", record), ("show", None if show == "spawn" else show)):
-        if path is not None:
-            check_output_file(Path(path), option=option)
     sites = tuple(frames) if frames else tuple(f"{side}_hand" for side in settings.hands)
-    if len(sites) != len(settings.hands):
-        raise ConfigError(f"frames: expected one per hand ({', '.join(settings.hands)}), got {len(sites)}")
+    _check(settings, command, sites)
+    _check_files(record=record, show=None if show == "spawn" else show)
     plan = RobotPlan(
         settings=settings,
         model=None if str(robot) == "sim" else Path(robot),
@@ -107,9 +102,19 @@ def teleoperate(
     return summary
 
 
-def _check(settings: TeleoperationSettings, command: str | None) -> None:
+def _check_files(**places: str | Path | None) -> None:
+    from posefuse.foundation.output_file import check_output_file
+
+    for option, place in places.items():
+        if place is not None:
+            check_output_file(Path(place), option=option)
+
+
+def _check(settings: TeleoperationSettings, command: str | None, sites: Sequence[str]) -> None:
     if not settings.hands or len(set(settings.hands)) != len(settings.hands):
         raise ConfigError(f"hands: expected left, right or both, each once, got {settings.hands}")
+    if len(sites) != len(settings.hands):
+        raise ConfigError(f"frames: expected one per hand ({', '.join(settings.hands)}), got {len(sites)}")
     if command not in (None, "pose", "twist", "joints"):
         raise ConfigError(f"command: expected pose, twist or joints, got {command!r}")
     if any(low >= high for low, high in zip(settings.limits.box_low_m, settings.limits.box_high_m, strict=True)):

@@ -159,20 +159,8 @@ def teleoperate(
     from posefuse.pipeline.config import read_changed
     from posefuse_teleop.settings import RosPlan
 
-    wanted, joints = ros.ros or ros.ros1, ros.command == "joints"
-    for option, given, used, needs in (
-        ("--command", ros.command, wanted, "needs --ros or --ros1"),
-        ("--controller", ros.controller != RosPlan.controller, joints, "needs --command joints"),
-        ("--cmd-vel", ros.cmd_vel, joints, "needs --command joints"),
-        ("--cmd-vel-twist", ros.cmd_vel_twist, ros.cmd_vel, "needs --cmd-vel TOPIC"),
-        ("--base-frame", ros.base_frame != RosPlan.base_frame, ros.command, "needs --command"),
-        ("--robot", robot.robot != "sim", joints or not ros.command, f"--command {ros.command} knows no model of the robot"),
-        ("--view", robot.view, not ros.command, "shows the simulated robot; --view-scene shows the one of --command"),
-    ):
-        if given and not used:
-            raise ConfigError(f"{option}: {needs}")
-    if ros.ros and ros.ros1:
-        raise ConfigError("--ros --ros1: expected one of them")
+    wanted = ros.ros or ros.ros1
+    _check_used(robot, ros)
     if not source:
         raise ConfigError("--source: expected one per camera, e.g. --source cam1=usb:0, or --source sim:SCENE.yaml")
     session = pf.live(
@@ -213,6 +201,26 @@ def teleoperate(
         )
     code = how_it_ended(done.stopped_by, timing.duration, terminal, failed=bool(done.fault))
     return {**_shown(done, terminal), "exit_code": code}
+
+
+def _check_used(robot: RobotOptions, ros: RosRobotOptions) -> None:
+    """Raise ConfigError for an option that nothing takes."""
+    from posefuse_teleop.settings import RosPlan
+
+    wanted, joints = ros.ros or ros.ros1, ros.command == "joints"
+    for option, given, used, needs in (
+        ("--command", ros.command, wanted, "needs --ros or --ros1"),
+        ("--controller", ros.controller != RosPlan.controller, joints, "needs --command joints"),
+        ("--cmd-vel", ros.cmd_vel, joints, "needs --command joints"),
+        ("--cmd-vel-twist", ros.cmd_vel_twist, ros.cmd_vel, "needs --cmd-vel TOPIC"),
+        ("--base-frame", ros.base_frame != RosPlan.base_frame, ros.command, "needs --command"),
+        ("--robot", robot.robot != "sim", joints or not ros.command, f"--command {ros.command} knows no model of the robot"),
+        ("--view", robot.view, not ros.command, "shows the simulated robot; --view-scene shows the one of --command"),
+    ):
+        if given and not used:
+            raise ConfigError(f"{option}: {needs}")
+    if ros.ros and ros.ros1:
+        raise ConfigError("--ros --ros1: expected one of them")
 
 
 class _News:
