@@ -49,7 +49,7 @@ def test_the_caller_waits_while_too_many_images_wait_to_be_written() -> None:
     work.close()
 
 
-def film(path: Path) -> list[av.VideoFrame]:
+def decoded(path: Path) -> list[av.VideoFrame]:
     with av.open(str(path)) as container:
         return list(container.decode(video=0))
 
@@ -60,7 +60,7 @@ def test_the_video_has_every_time_step_at_its_time_and_tiles_of_every_camera(
     recording = make_recording(cameras=3)
     [path] = write_outputs([OverlaySink(width_px=640, height_px=480).build()], recording, tmp_path, grey_frames(recording))
     assert list(tmp_path.iterdir()) == [path]
-    frames = film(path)
+    frames = decoded(path)
     assert [round(frame.time * 1e9) for frame in frames] == (recording.poses.t_ns - recording.poses.t_ns[0]).tolist()
     with av.open(str(path)) as container:
         codec = container.streams.video[0].codec_context
@@ -373,7 +373,7 @@ def test_people_have_no_colour_of_a_side() -> None:
 def test_pictures_name_the_colours(tmp_path: Path, make_recording: Make, sink: OverlaySink | OverviewSink) -> None:
     """Without a person, only the words of the legend have these colours."""
     [path] = write_outputs([sink], without_person(make_recording()), tmp_path)
-    image = film(path)[0].to_ndarray(format="rgb24")
+    image = decoded(path)[0].to_ndarray(format="rgb24")
     hue, strength, light = np.moveaxis(cv2.cvtColor(image, cv2.COLOR_RGB2HSV), -1, 0)
     for least, most in (ORANGE, BLUE):
         assert ((least < hue / 180) & (hue / 180 < most) & (strength > 128) & (light > 100)).sum() > 8

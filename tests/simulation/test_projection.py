@@ -103,9 +103,9 @@ def test_noise_is_as_large_as_stated_and_alike_within_a_block(depth_m: float) ->
     assert error_m.std() == pytest.approx(stated, rel=0.05)
     assert abs(error_m.mean()) < 0.1 * stated
     if depth_m > 2:
-        beside = np.corrcoef(error_m[:, :-1].ravel(), error_m[:, 1:].ravel())[0, 1]
+        adjacent = np.corrcoef(error_m[:, :-1].ravel(), error_m[:, 1:].ravel())[0, 1]
         apart = np.corrcoef(error_m[:, :-20].ravel(), error_m[:, 20:].ravel())[0, 1]
-        assert beside > 0.7
+        assert adjacent > 0.7
         assert abs(apart) < 0.1
 
 

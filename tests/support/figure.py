@@ -34,7 +34,7 @@ def _mirror(side: str, rotation: np.ndarray) -> np.ndarray:
 
 
 def walking(t_s: float) -> dict[str, tuple[float, float, float]]:
-    """Angles of somebody who walks a stride a second, turning about slowly."""
+    """Angles of a person who walks a stride a second, turning about slowly."""
     w, v = np.sin(2 * np.pi * t_s), np.cos(2 * np.pi * t_s)
     return {
         "pelvis": (15 * t_s, 3 * w, 5), "trunk": (0, 2 * w, 5 * v), "neck": (10, 3, 5 * w), "left_hip": (25 * w, 3, 5),

@@ -100,7 +100,7 @@ STILL = ExactRobot([0.0, 0.0, 0.0]).state()
 
 
 def loop(*states, **options):
-    """(robot, what the operator's loop gives) with a robot that answers these states whatever it receives; nobody is there."""
+    """(robot, what the operator's loop gives) with a robot that answers these states whatever it receives, and no person."""
     robot = SimpleNamespace(left=list(states), state=None, send=lambda order: None)
 
     def poll():

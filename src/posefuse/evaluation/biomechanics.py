@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 from typing import Literal
@@ -124,9 +123,12 @@ def write_biomechanics(
         opensim_library()
     how = how_angles_are_made(recording.poses.skeleton, chosen)
     progress("report", 0, _STAGES, f"joint angles of {len(recording.poses)} time steps, {how}")
-    if recording.is_live:
-        with suppress(InputError):
-            recording = replace(recording, poses=evenly_spaced(recording.poses))
+    uneven = ""
+    try:
+        even = evenly_spaced(recording.poses)
+        recording = recording if even is recording.poses else replace(recording, poses=even)
+    except InputError as error:
+        uneven = str(error)
     poses, joints = joints_of(recording, chosen)
     if lacking := joints_without_points(poses.skeleton):
         progress("report", 1, _STAGES, lacking)
@@ -136,7 +138,7 @@ def write_biomechanics(
     for n in range(len(poses.person_id)):
         ending = person_suffix(recording, n)
         if np.isfinite(joints.angle_rad[:, n]).any():
-            notes, files = _person_files(poses, joints, n, folder, ending, recording.person_names[n])
+            notes, files = _person_files(poses, joints, n, folder, ending, name=recording.person_names[n], uneven=uneven)
             for note in notes:
                 progress("report", 1, _STAGES, note)
             made += files
@@ -158,18 +160,16 @@ def _cycles(poses: PoseSequence, joints: JointAngles) -> dict[int, list[CycleAng
 
 
 def _person_files(
-    poses: PoseSequence, joints: JointAngles, n: int, folder: Path, ending: str, name: str
+    poses: PoseSequence, joints: JointAngles, n: int, folder: Path, ending: str, *, name: str, uneven: str
 ) -> tuple[list[str], list[Path]]:
-    """What to say about the files of angles and of the moving skeleton, and these files."""
+    """What to say about the files of angles and of the moving skeleton, and these files; `uneven`: why some cannot be."""
     made = [folder / f"angles{ending}.mot"]
     motion, note = motion_from_joints(joints, n)
     write_mot(made[0], motion)
     notes = [f"angles{ending}.mot: {note}"] if note else []
     del motion
-    try:
-        evenly_spaced(poses)
-    except InputError as error:
-        return [*notes, f"no points_angles{ending}.c3d, skeleton{ending}.bvh and .glb: {error}"], made
+    if uneven:
+        return [*notes, f"no points_angles{ending}.c3d, skeleton{ending}.bvh and .glb: {uneven}"], made
     made.append(folder / f"points_angles{ending}.c3d")
     write_c3d(made[-1], _c3d_data(poses, joints, n, name))
     if gap := animation_gap(joints, n):

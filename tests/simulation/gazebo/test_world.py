@@ -285,7 +285,7 @@ def test_gazebo_finds_the_bones_where_the_truth_has_them(written, read_person):
             turned.append(np.abs(pose[:3, :3] - expected[:3, :3]).max())
     assert max(apart_m) < 1 * MM
     assert max(turned) < 0.02
-    # and the motion is one: a person who stands still would be half a metre off
+    # and the motion is one: a person who stands still would be off by half a metre
     assert np.linalg.norm(truth[-1, 0, :3, 3] - truth[0, 0, :3, 3]) > 0.5
 
 

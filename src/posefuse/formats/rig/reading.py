@@ -104,9 +104,10 @@ def read_rig(path: Path | str) -> Rig:
             file, camera, what was expected and what was there.
     """
     path = Path(path)
-    if path.is_dir() and not (path / "rig.toml").is_file():
-        return _read_folder(path)
-    path = path / "rig.toml" if path.is_dir() else path
+    if path.is_dir():
+        if not (path / "rig.toml").is_file():
+            return _read_folder(path)
+        path = path / "rig.toml"
     if not path.is_file():
         raise CalibrationError(f"{path}: no such calibration file or folder")
     content = read_document(path)
