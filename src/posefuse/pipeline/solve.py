@@ -179,7 +179,8 @@ def _checked_again(solved: Recording, edits: Edits) -> dict[str, Any]:
     times = camera_times(log)
     used_ns = {name: range(int(t_ns[0]) + 1, int(t_ns[-1]) + 1) for name, t_ns in times.items()}
     moved = [one for one in about.get(MOVED_CAMERAS, ()) if one["t_ns"] in used_ns.get(one["camera"], ())]
-    unread = [name for name in solved.rig.names if name not in camera_times(solved.observations)]
+    recorded = camera_times(solved.observations)
+    unread = [name for name in solved.rig.names if name not in recorded]
     coverages = [Coverage(name, 1, 0, None, 0) for name in unread] + [_coverage(name, t_ns) for name, t_ns in times.items()]
     incomplete = {line.split(":")[0] for line in incomplete_cameras(coverages)}
     lines = [finding_line(one, Path(about.get("session", "SESSION"))) for one in findings]
