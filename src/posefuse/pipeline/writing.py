@@ -183,7 +183,7 @@ def export_recording(
     """
     sinks, alone = build_sinks(formats, recording.poses.skeleton), command == "export"
     if alone and not sinks:
-        raise ConfigError("export: expected at least one of the outputs that `posefuse plugins` lists, got none")
+        raise ConfigError("outputs: expected at least one of those that `posefuse plugins` lists, got none")
     if alone and session is None and any(isinstance(sink, FrameSink) for sink in sinks):
         progress("write", 0, None, "without images: no session of this recording is near; name it with `session=DIR`")
     with output_folder(path, command=command, inputs=inputs, replace=replace) as out:
