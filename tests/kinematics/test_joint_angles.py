@@ -124,6 +124,15 @@ def test_noise_on_a_straight_leg_does_not_reach_the_turn():
     assert np.abs(turn[carried] - 10).max() < 3 * np.nanmax(sigma[carried])
 
 
+def test_the_plane_of_a_straight_leg_wanders_as_the_settings_state():
+    """The turn of the hip is known from the bent knee at first; then nothing is seen of it."""
+    sequence = sequence_of([{"left_knee": (60.0 if i < 30 else 0.0, 0, 0)} for i in range(90)], sigma_m=0.001)
+    tracker = JointTracker(sequence.skeleton, JointSettings(turn_rate_rad_sqrt_s=0.4))
+    sigma = np.array([tracker.step(one).sigma_rad[0, 0, JOINT_NAMES.index("left_hip"), 2] for one in map(sequence.at, range(90))])
+    unseen_s = (sequence.t_ns[30:] - sequence.t_ns[29]) / 1e9
+    np.testing.assert_allclose(sigma[30:] ** 2 - sigma[29] ** 2, 0.4**2 * unseen_s, rtol=1e-3)
+
+
 @pytest.mark.parametrize(("limb", "seconds"), [("left_elbow", 4), ("right_knee", 4)])
 def test_a_reversed_plane_is_found_in_points_too_uncertain_to_show_it_at_once(limb, seconds):
     """Bent backwards at first, which no human can: its plane is then taken as reversed."""

@@ -66,6 +66,8 @@ def test_progress_news_and_result_are_reported(workspace: StudioWorkspace, monke
 def test_a_known_fault_is_one_line_and_a_bug_is_named(workspace: StudioWorkspace, monkeypatch: pytest.MonkeyPatch) -> None:
     refusing, faulty = Mock(side_effect=InputError("no such\nfolder")), Mock(side_effect=ZeroDivisionError("by zero"))
     assert done(workspace, refusing, monkeypatch).error == "no such folder"
+    elsewhere = Mock(side_effect=InputError(f"{workspace.root / 'walks' / 'one'}: not a recording"))
+    assert done(workspace, elsewhere, monkeypatch).error == f"{Path('walks', 'one')}: not a recording"
     assert done(workspace, faulty, monkeypatch).error.startswith("ZeroDivisionError: by zero")
 
 

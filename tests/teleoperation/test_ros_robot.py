@@ -16,7 +16,7 @@ from own_domain import own_domain
 
 from bench.rehearsal.faults import engaged_world, tick
 from bench.rehearsal.world import settings_for
-from posefuse.core import SE3, ConfigError, MessageError
+from posefuse.core import SE3, ConfigError, MessageError, SourceError
 from posefuse.foundation.requests_to_end import REQUESTS_TO_END
 from posefuse_ros.bags import Recorder, read_mcap
 from posefuse_ros.dds import Sample
@@ -469,10 +469,16 @@ def test_joints_of_our_inverse_kinematics_go_to_a_controller(tmp_path, controlle
         robot.close()
 
 
-def test_what_cannot_be_is_refused_in_one_line_and_leaves_the_network():
-    node = Node()
-    plan = SimpleNamespace(node=lambda name: node)
+def test_a_robot_without_a_model_is_refused_before_it_is_on_the_network():
+    plan = SimpleNamespace(node=lambda name: pytest.fail("on the network"))
     refusal(ConfigError, "the model by which its joints", open_ros_robot, "joints", plan, None, ("tool",), SETTINGS)
+
+
+def test_a_robot_that_never_tells_its_state_leaves_the_network(monkeypatch):
+    node = Node()
+    monkeypatch.setattr(ros_robot, "_FIRST_S", 0.05)
+    plan = SimpleNamespace(node=lambda name: node, base_frame="base")
+    refusal(SourceError, "nothing of /tf from base to tool came", open_ros_robot, "pose", plan, None, ("tool",), SETTINGS)
     assert node.closed
 
 

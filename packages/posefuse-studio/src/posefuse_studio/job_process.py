@@ -103,7 +103,8 @@ def run_job(workspace: StudioWorkspace, job: Job, reporter: JobReporter) -> None
     except KeyboardInterrupt:
         reporter.end(state="cancelled", error="cancelled; what was finished is kept")
     except PosefuseError as error:
-        reporter.end(state="failed", error=str(error))
+        # pages name files as they lie in the workspace, wherever that is on the server
+        reporter.end(state="failed", error=str(error).replace(f"{workspace.root}{os.sep}", ""))
     except Exception as error:  # noqa: BLE001 - a bug of the work is shown on the page and kept in the log
         traceback.print_exc()
         reporter.end(state="failed", error=f"{type(error).__name__}: {error} (the log has the trace)")

@@ -114,14 +114,13 @@ def open_ros_robot(
         SourceError: no state comes. ConfigError: a model that does not fit. DependencyError: ROS 1 without rospy.
     """
     place = placed(settings.robot.position_xy_m, settings.robot.heading_deg)
+    # refused before anything of it is on the network
+    chain = _chain(model, frames, settings) if command == "joints" else None
     robot: RosJoints | RosCartesian
     with ExitStack() as refused:
         node = plan.node("posefuse_robot")
         refused.callback(node.close)
-        if command == "joints":
-            if model is None:
-                raise ConfigError("--command joints: expected --robot FILE.xml, the model by which its joints are known")
-            chain = Chain(mujoco_model(model, settings.hands), frames, settings.limits.collision_m)
+        if chain is not None:
             robot = RosJoints(node, plan, chain, settings.limits, place)
         else:
             robot = RosCartesian(node, plan, command, tuple(frames), place)
@@ -132,6 +131,12 @@ def open_ros_robot(
             raise SourceError(f"robot: nothing of {robot.needs} came within {_FIRST_S:g} s")
         refused.pop_all()
     return robot
+
+
+def _chain(model: Path | None, frames: Sequence[str], settings: TeleoperationSettings) -> Chain:
+    if model is None:
+        raise ConfigError("--command joints: expected --robot FILE.xml, the model by which its joints are known")
+    return Chain(mujoco_model(model, settings.hands), frames, settings.limits.collision_m)
 
 
 class _Inbox:
