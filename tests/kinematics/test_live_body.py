@@ -166,6 +166,17 @@ def test_a_person_who_jumps_takes_the_correction_along(ring_rig, standing) -> No
     assert body.drops == 1
 
 
+def test_rays_move_as_their_points_do(ring_rig, standing) -> None:
+    before, now = rays(ring_rig, standing), standing + [0.1, -0.05, 0.2]
+    moved = LiveRays.moved(
+        before.projections, before.xy, before.inverse_var, then=np.broadcast_to(standing, (4, *standing.shape)), now=now,
+        checked_ns=1, checked_world=now,
+    )  # fmt: skip
+    np.testing.assert_array_equal(moved.inverse_var, before.inverse_var)
+    seen = before.inverse_var > 0
+    np.testing.assert_allclose(moved.xy[seen], rays(ring_rig, now).xy[seen], atol=1e-12)
+
+
 def test_rays_that_disagree_are_as_wrong_as_they_are_apart(ring_rig, standing) -> None:
     """Four rays that miss a point by two standard deviations in each coordinate have chi-squared 32 and 5 degrees of freedom."""
     exact = rays(ring_rig, standing)
