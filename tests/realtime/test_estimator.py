@@ -158,7 +158,7 @@ def test_twins_come_back_under_their_ids_by_their_clothes() -> None:
     assert ids_of_twins(3, (RED, BLUE), (BLUE, RED)) == [1, 0]
 
 
-def test_clothes_in_one_view_tell_nobody_apart() -> None:
+def test_clothes_in_one_view_do_not_distinguish_people() -> None:
     """The other twin may stand before this one in the only view: what each wears changes nothing."""
     assert ids_of_twins(1, (RED, BLUE), (BLUE, RED)) == ids_of_twins(1, (RED, BLUE), (RED, BLUE))
 
