@@ -1,4 +1,4 @@
-"""Figures of docs/teleoperation.md, which explains each step; tables on stderr, one JSON object on stdout.
+"""Figures of docs/evidence/teleoperation.md, which explains each step; tables on stderr, one JSON object on stdout.
 
     python bench/teleoperation.py faults [--robot own] [--first 0] [--count 20000] [--workers 2]    ends with 1 if any is breached
     python bench/teleoperation.py follow

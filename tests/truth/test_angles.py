@@ -22,7 +22,7 @@ DEFINED = tuple(
 )
 
 LEG_ANGLES = (("left_hip", "flexion"), ("right_hip", "flexion"), ("left_knee", "flexion"), ("right_knee", "flexion"))
-# RMSE over the walking clip in docs/kinematics.md: without the fit, fit to points, fit to rays
+# RMSE over the walking clip in docs/evidence/joint_angles.md: without the fit, fit to points, fit to rays
 DOCUMENTED_DEG = tuple(
     dict(zip(LEG_ANGLES, row, strict=True)) for row in ((2.8, 2.0, 3.6, 3.2), (2.9, 2.2, 3.5, 3.2), (3.1, 2.4, 3.7, 3.3))
 )

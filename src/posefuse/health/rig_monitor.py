@@ -34,7 +34,7 @@ _LEAST = {MOVED: float(np.deg2rad(0.2)), UNSYNCHRONISED: 0.012}
 # hysteresis: a finding is cleared when the displacement falls below this share of its peak
 _LEFT = 0.4
 # chosen, not fitted: a finding is reported once it has lasted for so long, and cleared once it has been over for so long; a part
-# of the 1 s after which rotations of 5 deg are reported (docs/calibration.md)
+# of the 1 s after which rotations of 5 deg are reported (docs/evidence/calibration.md)
 _SURE_AFTER_S = 0.6
 # chosen, not fitted: redundant coordinates before anything is suspected; 14 keypoints in four cameras give 70 in each time step
 _LEAST_COUNT = 200.0

@@ -25,7 +25,7 @@ class KeypointGateSettings:
 
     Attributes:
         sigma_m: a keypoint whose stated standard deviation, along the axis that is known worst, is larger is withheld.
-            Below it, 0.01 % of hips of an overloaded session were impossible (docs/ros.md).
+            Below it, 0.01 % of hips of an overloaded session were impossible (docs/reference/messages.md).
         unmeasured_s: a keypoint that no view measured for this long is withheld, even if the prediction is certain.
     """
 

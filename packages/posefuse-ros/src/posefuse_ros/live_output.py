@@ -1,4 +1,4 @@
-"""Live outputs ``ros2`` and ``ros1``: topics of docs/ros.md, with or without an installed ROS."""
+"""Live outputs ``ros2`` and ``ros1``: topics of docs/reference/messages.md, with or without an installed ROS."""
 
 from __future__ import annotations
 

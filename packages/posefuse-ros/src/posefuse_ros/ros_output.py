@@ -1,6 +1,7 @@
-"""Everything posefuse shows in ROS: bodies after REP-155, tf, markers, cameras, diagnostics; docs/ros.md lists the topics.
+"""Everything posefuse shows in ROS: bodies after REP-155, tf, markers, cameras, diagnostics.
 
 And what robots follow of each person: poses and velocities of head, wrists and hands, and the person as URDF.
+docs/reference/messages.md lists the topics.
 """
 
 from __future__ import annotations
