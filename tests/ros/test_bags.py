@@ -45,7 +45,7 @@ def test_notes_come_back_and_other_libraries_see_them(made, tmp_path, some_pose)
     path, note = tmp_path / "noted.mcap", {"settings": '{"rate_hz": 100.0}', "who": "Zoë"}
     with bags.Recorder(path) as recorder:
         recorder.note("session", note)
-        recorder.publish(topics.POSE, message_from_pose(some_pose(), {}, "world"), some_pose().t_ns)
+        recorder.publish(topics.POSE, message_from_pose(some_pose(), {}), some_pose().t_ns)
     assert bags.read_notes(path, "session") == note
     assert bags.read_notes(path, "other") is None
     assert bags.read_notes(made[0], "session") is None
@@ -90,7 +90,7 @@ def long_recording(path, some_pose, count=600):
     with bags.Recorder(path) as recorder:
         recorder.note("session", {"who": "somebody"})
         for i in range(count):
-            recorder.publish(topics.POSE, message_from_pose(some_pose(seed=i), {}, "world"), 10_000_000 * i)
+            recorder.publish(topics.POSE, message_from_pose(some_pose(seed=i), {}), 10_000_000 * i)
     return path.read_bytes()
 
 
@@ -115,7 +115,7 @@ def test_what_was_recorded_before_the_session_began_does_not_count_as_time_that_
     with bags.Recorder(path) as recorder:
         recorder.write(topics.JOINT_CENTRES, bytes(8), 0, 0)
         for i in range(600):
-            recorder.publish(topics.POSE, message_from_pose(some_pose(seed=i), {}, "world"), 6_000_000_000 + 10_000_000 * i)
+            recorder.publish(topics.POSE, message_from_pose(some_pose(seed=i), {}), 6_000_000_000 + 10_000_000 * i)
     path.write_bytes(path.read_bytes()[:-3])
     assert len(list(bags.read_poses(path, warn=said.append))) == 600
     assert "cut off; 5.99 s of it were read" in said[0]

@@ -108,7 +108,7 @@ class RosLiveOutput:
                 self._follow_clock(message.pose.t_ns)
                 self._ros.step(message.pose, message.joints, message.stages_ns)
             case LiveExpected(pose=pose) if self._node.wanted(topics.EXPECTED):
-                self._node.publish(topics.EXPECTED, message_from_pose(pose, {}, self._ros.world_frame), pose.t_ns)
+                self._node.publish(topics.EXPECTED, message_from_pose(pose, {}), pose.t_ns)
             case LiveHealth():
                 self._follow_clock(message.t_ns)
                 self._ros.diagnose(message.t_ns, health_lines(message))

@@ -47,7 +47,7 @@ from .dds_domain import NetworkSettings
 from .live_output import health_lines, publish_preview
 from .markers import annotations_of_view
 from .messages import message_from_detections, message_from_names, time_from_ns
-from .ros_output import RosOutput
+from .ros_output import RosOutput, ShownTimes
 from .sim_time import ClockReader, SimulatedClock
 from .types import message, optional_module
 
@@ -133,8 +133,6 @@ _LEAST_FREE_BYTES = 4 * 2**20
 # so often it is looked whether the file is still there
 _LOOK_S = 1.0
 _TAKES = (LiveDetections, LivePose, LiveJointCentres, LiveNames, LiveHealth)
-# what viewers draw is recorded so often
-_SHOWN_NS = 1_000_000_000 // 30
 # topics of a body that follow from others
 _NOT_RECORDED = frozenset(topics.BODY_PARTS) - {"joint_states", "joint_angles", "urdf"}
 
@@ -205,7 +203,7 @@ class RecordOutput:
         # where `/clock` is to be kept
         self._node: Any = None
         self._clock: Any = None
-        self._shown_ns = -_SHOWN_NS
+        self._shown = ShownTimes()
         self._looked_s = 0.0
         self._views: dict[str, Detections2D] = {}
         # whether the session got as far as a view or a pose
@@ -250,11 +248,7 @@ class RecordOutput:
 
     def _pose(self, message: LivePose) -> None:
         t_ns = message.pose.t_ns
-        self._recorder.shown = not 0 <= t_ns - self._shown_ns < _SHOWN_NS * 19 // 20
-        if self._recorder.shown:
-            # due times, so that the rate does not fall to that of every fourth pose
-            went_on = t_ns - self._shown_ns < 2 * _SHOWN_NS
-            self._shown_ns = self._shown_ns + _SHOWN_NS if went_on and t_ns > self._shown_ns else t_ns
+        self._recorder.shown = self._shown.due(t_ns)
         if self._clock is not None:
             self._clock.update()
             keep_clock(self._recorder, self._clock.clock, t_ns)
