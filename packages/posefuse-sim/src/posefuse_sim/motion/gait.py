@@ -21,9 +21,9 @@ from posefuse.core.skeleton import SIDES
 from posefuse_sim.body import SimulatedBody
 
 from . import feet
-from .posture import BodyPosture, bend_leg, lengths_m
+from .posture import BodyPosture, hip_offset, leg_axes, lengths_m
 from .routes import Route, straight_on
-from .standing import easy_arm, hip_offset, leaned, level_axes
+from .standing import easy_arm, leaned, level_axes
 
 _REFERENCE_MPS = 1.35
 _MID_STANCE = 0.31
@@ -85,10 +85,8 @@ class GaitMotion:
         centre[:, 2] = np.minimum(centre[:, 2], self._highest(centre, pelvis, [ankle for ankle, *_ in steps]))
         axes = {"pelvis": pelvis, "thorax": thorax, "head": head}
         for side, (ankle, foot, _) in zip(SIDES, steps, strict=True):
-            hip = centre + pelvis @ hip_offset(self.body, side)
-            knee_ahead = foot[..., 0] * [1, 1, 0] + pelvis[..., 0]
-            thigh, shank = bend_leg(hip, ankle, knee_ahead, lengths_m(self.body, side, "leg"))
-            axes |= {f"{side}_thigh": thigh, f"{side}_shank": shank, f"{side}_foot": foot}
+            ahead = foot[..., 0] * [1, 1, 0] + pelvis[..., 0]
+            axes |= leg_axes(self.body, side, centre, pelvis, ankle, foot, ahead=ahead)
             axes |= self._arm(side, thorax, phase, size)
         return BodyPosture(centre, axes, np.stack([toes for *_, toes in steps], axis=-1))
 
