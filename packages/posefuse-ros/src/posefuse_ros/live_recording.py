@@ -42,7 +42,7 @@ from posefuse.fusion import FuseSettings
 from posefuse.pipeline.config import TrackConfig
 
 from . import topics
-from .bags import read_clock, read_mcap, read_notes, read_rig
+from .bags import Warn, read_clock, read_mcap, read_notes, read_rig
 from .camera_messages import joint_centres_from_message
 from .mcap_output import NOTES
 from .messages import detections_from_message, names_from_message, pose_from_message
@@ -118,7 +118,6 @@ def _off_share(camera: Camera, xy_img: Array, t_ns: Array, poses: PoseSequence) 
     return off
 
 
-Warn = Callable[[str], None]
 # read on both sides of a section
 _SECTION_MARGIN_S = 2.0
 _TOPICS = {topic.name for topic in (topics.DETECTIONS, topics.POSE, topics.JOINT_CENTRES, topics.NAMES)}
