@@ -16,7 +16,7 @@ from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
 
 from posefuse.core import SE3, Camera, ConfigError, InputError
-from posefuse.core.ideal_image import drawn_camera, optics_of
+from posefuse.core.ideal_image import drawn_camera
 from posefuse.formats.rig import read_rig
 from posefuse.formats.truth import read_loop, read_truth
 from posefuse_ros.camera_info import RigLens
@@ -26,9 +26,8 @@ from posefuse_sim.gazebo.animation import baked, halfway
 from posefuse_sim.gazebo.world import CAM_FROM_LINK, CENTRE_PX, pose_text, world_from_link
 from posefuse_sim.props import GroundTile
 from posefuse_sim.render.model import render_model
-from posefuse_sim.render.shot import CameraShooter
+from posefuse_sim.render.shot import CameraShooter, body_poses
 from posefuse_sim.render.stage import RenderStage
-from posefuse_sim.session import body_poses
 
 
 def camera_from_gazebo(read: dict) -> Camera:
@@ -204,8 +203,7 @@ def test_what_cannot_be_is_refused_in_one_line(scene, tmp_path):
 @pytest.fixture(scope="module")
 def draw(written, backend):
     live = written.live
-    sizes = [optics_of(camera).view for camera in live.rig]
-    stage = RenderStage(render_model(live, (max(v.width for v in sizes), max(v.height for v in sizes)), backend), backend)
+    stage = RenderStage(render_model(live, live.rig, backend), backend)
 
     def draw_(camera, t_s=0.4):
         poses = body_poses(live, np.array([t_s]))
