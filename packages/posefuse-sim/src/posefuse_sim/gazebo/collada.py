@@ -12,7 +12,7 @@ Written for the strictest reader at hand, Gazebo's:
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from xml.etree import ElementTree
@@ -145,9 +145,7 @@ def _geometry(root: ElementTree.Element, mesh: Mesh) -> None:
 def _controller(root: ElementTree.Element, skeleton: ColladaSkeleton) -> None:
     skin = _add(_add(_add(root, "library_controllers"), "controller", id="skin", name="skin"), "skin", source="#mesh")
     _add(skin, "bind_shape_matrix", _numbers(np.eye(4)))
-    names = _add(skin, "source", id="skin-joints")
-    _add(names, "Name_array", " ".join(skeleton.names), id="skin-joints-array", count=str(len(skeleton.names)))
-    _accessor(names, "skin-joints-array", len(skeleton.names), [("JOINT", "name")])
+    _words(skin, "skin-joints", skeleton.names, "JOINT")
     _source(skin, "skin-bind", np.linalg.inv(skeleton.world_from_joint_rest).reshape(-1, 16), None)
     held = skeleton.weight > 0
     _source(skin, "skin-weights", skeleton.weight[held][:, None], ["WEIGHT"])
@@ -168,10 +166,7 @@ def _animations(root: ElementTree.Element, skeleton: ColladaSkeleton) -> None:
         moving = _add(library, "animation", id=f"{name}-motion", name=f"{name}-motion")
         _source(moving, f"{name}-times", skeleton.t_s[:, None], ["TIME"], digits=9)
         _source(moving, f"{name}-poses", skeleton.parent_from_joint[:, j].reshape(-1, 16), None)
-        ways = _add(moving, "source", id=f"{name}-ways")
-        count = len(skeleton.t_s)
-        _add(ways, "Name_array", " ".join(["LINEAR"] * count), id=f"{name}-ways-array", count=str(count))
-        _accessor(ways, f"{name}-ways-array", count, [("INTERPOLATION", "name")])
+        _words(moving, f"{name}-ways", ["LINEAR"] * len(skeleton.t_s), "INTERPOLATION")
         sampler = _add(moving, "sampler", id=f"{name}-sampled")
         for semantic, source in (("INPUT", "times"), ("OUTPUT", "poses"), ("INTERPOLATION", "ways")):
             _add(sampler, "input", semantic=semantic, source=f"#{name}-{source}")
@@ -209,6 +204,12 @@ def _source(parent: ElementTree.Element, name: str, values: Array, axes: list[st
     _add(source, "float_array", _numbers(values, digits), id=f"{name}-array", count=str(values.size))
     kinds = [("TRANSFORM", "float4x4")] if axes is None else [(axis, "float") for axis in axes]
     _accessor(source, f"{name}-array", len(values), kinds, values.shape[1])
+
+
+def _words(parent: ElementTree.Element, name: str, words: Sequence[str], axis: str) -> None:
+    source = _add(parent, "source", id=name)
+    _add(source, "Name_array", " ".join(words), id=f"{name}-array", count=str(len(words)))
+    _accessor(source, f"{name}-array", len(words), [(axis, "name")])
 
 
 def _accessor(source: ElementTree.Element, array: str, count: int, kinds: list[tuple[str, str]], stride: int = 1) -> None:
