@@ -76,7 +76,7 @@ class McapSink:
         with atomic_file(path) as staged:
             staged.unlink(missing_ok=True)
             with Recorder(staged) as recorder:
-                recorder.note(NOTES, _notes(recording, offset_ns))
+                recorder.note(_notes(recording, offset_ns))
                 output = RosOutput(recorder, recording.rig, epoch_offset_ns=offset_ns)
                 output.start(begin_ns)
                 for i in range(len(recording.poses)):
@@ -120,7 +120,6 @@ def _views(recording: Recording, i: int, epoch_offset_ns: int) -> Iterator[Detec
         yield view if views.depth_m is None else replace(view, depth_m=views.depth_m[i, here, c])
 
 
-NOTES = "posefuse_live"
 SUFFIX = ".mcap"
 # a part that ends in its first second again is of no use
 _LEAST_FREE_BYTES = 4 * 2**20
@@ -262,7 +261,7 @@ class RecordOutput:
             self._clock.wait()
         self._recorder = self._part(start.part)
         if start.notes:
-            self._recorder.note(NOTES, {**start.notes, "part": str(start.part)})
+            self._recorder.note({**start.notes, "part": str(start.part)})
         self._ros = RosOutput(self._recorder, start.rig)
         self._ros.start(start.t_ns)
 
