@@ -66,7 +66,7 @@ def talk(network: Network, seconds: float, people: int, everything: bool) -> Non
         if everything:
             steadily(seconds, lambda: output.step(a_pose(people)))
         else:
-            steadily(seconds, lambda: node.publish(topics.POSE, message_from_pose(a_pose(people), {}, "world"), 0))
+            steadily(seconds, lambda: node.publish(topics.POSE, message_from_pose(a_pose(people), {}), 0))
 
 
 def over_ros2(seconds: float, people: int, everything: bool) -> list[float]:
@@ -121,7 +121,7 @@ def main() -> None:
             rows.append({"way": way, "people": people, "messages": len(ages), **late})
         pose, output = a_pose(people), RosOutput(Nowhere(), a_rig())
         work = {
-            "pose": lambda pose=pose: encode(message_from_pose(pose, {}, "world")),
+            "pose": lambda pose=pose: encode(message_from_pose(pose, {})),
             "ros_output": lambda pose=pose, output=output: output.step(pose),
             "osc": lambda pose=pose: osc_from_pose(pose, None, "z_up"),
             "json": lambda pose=pose: json_from_pose(pose, None, "z_up"),

@@ -8,15 +8,13 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from posefuse.core.ideal_image import optics_of
 from posefuse_sim import Scene, read_scene
 from posefuse_sim.build import live_scene
 from posefuse_sim.cameras import ListedCameras
 from posefuse_sim.exact import seen_points
 from posefuse_sim.render.model import render_model
-from posefuse_sim.render.shot import CameraShooter
+from posefuse_sim.render.shot import CameraShooter, shot_image
 from posefuse_sim.render.stage import RenderStage, working_backend
-from posefuse_sim.source import shot_image
 
 _SCENES = Path(__file__).resolve().parents[1] / "examples" / "scenes"
 _IMAGES = Path(__file__).resolve().parent / "images"
@@ -28,10 +26,8 @@ _FRACTION_BITS = 3
 def pictures(scene: Scene, after_s: float, cameras: int, with_truth: bool) -> list[np.ndarray]:
     """RGB pictures of the first cameras, `after_s` into the scene, the truth as dots: green seen, red hidden."""
     live = live_scene(scene)
-    optics = [optics_of(camera) for camera in live.rig.cameras[:cameras]]
-    largest = np.max([(one.view.width, one.view.height) for one in optics], axis=0)
     backend = working_backend()
-    stage = RenderStage(render_model(live, (int(largest[0]), int(largest[1])), backend), backend)
+    stage = RenderStage(render_model(live, live.rig.cameras[:cameras], backend), backend)
     drawn = []
     for c in range(cameras):
         frame = int(np.argmin(np.abs(live.shots[c].t_ns / 1e9 - scene.start_s - after_s)))

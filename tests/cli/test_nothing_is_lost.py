@@ -220,7 +220,7 @@ def simulated(results: Path, out: Path, force: bool) -> None:
     scene = results / "scene.yaml"
     scene.write_text("duration_s: 0.1\ncameras: {kind: ring, count: 1}\n")
     with pytest.MonkeyPatch.context() as patched:
-        for name in ("working_backend", "check_framebuffer", "_job", "_render"):
+        for name in ("working_backend", "_job", "_render"):
             patched.setattr(sessions, name, lambda *_: None)
         patched.setattr(sessions, "finish_session", lambda live, paths: paths.rig.write_text("a rig"))
         sessions.simulate(read_scene(scene), out, replace=force)

@@ -23,7 +23,7 @@ from posefuse.realtime import outputs as outputs_module
 from posefuse.realtime.messages import SessionClock
 from posefuse.realtime.output_process import HANGS, OutputAdded, OutputThread
 from posefuse.realtime.outputs import OutputPlan, OutputProcess
-from posefuse_ros import mcap_output, topics
+from posefuse_ros import topics
 from posefuse_ros.bags import read_mcap, read_notes, read_poses
 from posefuse_ros.live_output import health_lines
 from posefuse_ros.mcap_output import RecordConfig
@@ -264,7 +264,7 @@ def test_a_killed_process_is_reported_and_restarted_and_recording_continues(fed:
     assert len(after) >= 50 and len(said) == 1
     assert after[0] > before[-1]
     assert next(read_mcap(third, {topics.JOINT_CENTRES.name})).topic == topics.JOINT_CENTRES.name
-    assert read_notes(third, mcap_output.NOTES) == {"rig_id": "x", "part": "2"}
+    assert read_notes(third) == {"rig_id": "x", "part": "2"}
     assert capfd.readouterr() == ("", "")
 
 

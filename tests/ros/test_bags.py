@@ -44,13 +44,11 @@ def made(tmp_path, some_detections, some_pose, some_joints, ring_rig):
 def test_notes_come_back_and_other_libraries_see_them(made, tmp_path, some_pose):
     path, note = tmp_path / "noted.mcap", {"settings": '{"rate_hz": 100.0}', "who": "Zoë"}
     with bags.Recorder(path) as recorder:
-        recorder.note("session", note)
-        recorder.publish(topics.POSE, message_from_pose(some_pose(), {}, "world"), some_pose().t_ns)
-    assert bags.read_notes(path, "session") == note
-    assert bags.read_notes(path, "other") is None
-    assert bags.read_notes(made[0], "session") is None
+        recorder.note(note)
+        recorder.publish(topics.POSE, message_from_pose(some_pose(), {}), some_pose().t_ns)
+    assert bags.read_notes(path) == note and bags.read_notes(made[0]) == {}
     with path.open("rb") as file:
-        assert [(one.name, one.metadata) for one in make_reader(file).iter_metadata()] == [("session", note)]
+        assert [(one.name, one.metadata) for one in make_reader(file).iter_metadata()] == [("posefuse_live", note)]
     assert len(list(bags.read_poses(path))) == 1
 
 
@@ -88,9 +86,9 @@ def test_mcap_ros2_support_reads_every_message_of_it(made):
 
 def long_recording(path, some_pose, count=600):
     with bags.Recorder(path) as recorder:
-        recorder.note("session", {"who": "somebody"})
+        recorder.note({"who": "somebody"})
         for i in range(count):
-            recorder.publish(topics.POSE, message_from_pose(some_pose(seed=i), {}, "world"), 10_000_000 * i)
+            recorder.publish(topics.POSE, message_from_pose(some_pose(seed=i), {}), 10_000_000 * i)
     return path.read_bytes()
 
 
@@ -103,7 +101,7 @@ def test_a_recording_cut_off_anywhere_is_read_to_its_last_whole_chunk(tmp_path, 
         said.clear()
         seen.append(len(list(bags.read_poses(path, warn=said.append))))
         assert len(said) == 1 and "was cut off" in said[0] and "MB are unfinished" in said[0]
-        assert bags.read_notes(path, "session") == {"who": "somebody"}
+        assert bags.read_notes(path) == {"who": "somebody"}
     assert seen == sorted(seen)
     assert seen[0] < 100 < 300 < seen[-1] <= 600
     with pytest.warns(UserWarning, match="cut off"):
@@ -115,7 +113,7 @@ def test_what_was_recorded_before_the_session_began_does_not_count_as_time_that_
     with bags.Recorder(path) as recorder:
         recorder.write(topics.JOINT_CENTRES, bytes(8), 0, 0)
         for i in range(600):
-            recorder.publish(topics.POSE, message_from_pose(some_pose(seed=i), {}, "world"), 6_000_000_000 + 10_000_000 * i)
+            recorder.publish(topics.POSE, message_from_pose(some_pose(seed=i), {}), 6_000_000_000 + 10_000_000 * i)
     path.write_bytes(path.read_bytes()[:-3])
     assert len(list(bags.read_poses(path, warn=said.append))) == 600
     assert "cut off; 5.99 s of it were read" in said[0]

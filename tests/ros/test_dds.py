@@ -120,7 +120,8 @@ def test_a_reader_that_holds_everything_up_costs_messages_not_the_session(local,
         writer = node.writer(topics.POSE)
         monkeypatch.setattr(_clayer, "ddspy_write", lambda ref, raw: -10)
         writer.write(b"")
-        assert writer.dropped == 1
+        monkeypatch.setattr(_clayer, "ddspy_write", lambda ref, raw: -1)
+        refusal(SourceError, r"could not write 0 bytes \(code -1\)", writer.write, b"")
 
 
 def test_nodes_of_one_process_share_a_domain_if_they_agree_on_the_network(local):

@@ -44,7 +44,7 @@ def with_depth(sent):
 @pytest.mark.parametrize("people", [0, 1, 3])
 def test_poses_come_back_exactly(some_pose, people):
     sent = some_pose(people)
-    back, stages = messages.pose_from_message(over_the_wire(messages.message_from_pose(sent, STAGES, "world")))
+    back, stages = messages.pose_from_message(over_the_wire(messages.message_from_pose(sent, STAGES)))
     assert_same(sent, back)
     assert stages == STAGES
 
@@ -65,7 +65,7 @@ def test_a_time_ros_cannot_hold_is_refused():
 
 
 def test_joint_angles_are_named_and_of_the_last_time_step(some_joints):
-    first, second = messages.messages_from_joints(some_joints, "world", 6_000_000_000)
+    first, second = messages.messages_from_joints(some_joints, 6_000_000_000)
     assert (first.person_id, second.person_id) == (40, 7)
     assert first.name[:4] == ["left_hip/flexion", "left_hip/adduction", "left_hip/rotation", "left_knee/flexion"]
     np.testing.assert_array_equal(second.angle_rad.reshape(4, 3), some_joints.angle_rad[1, 1])
@@ -124,7 +124,7 @@ WRONG_POSES = {
 
 @pytest.mark.parametrize("fault", WRONG_POSES)
 def test_wrong_poses_are_refused(some_pose, fault):
-    good = messages.message_from_pose(some_pose(), {}, "world")
+    good = messages.message_from_pose(some_pose(), {})
     refusal(MessageError, "Pose3D message", lambda: messages.pose_from_message(over_the_wire(changed(good, WRONG_POSES[fault]))))
 
 

@@ -175,7 +175,7 @@ def test_covariance_and_velocity_of_parts_are_made_only_for_those_who_ask(kept, 
     kept.unwanted = {topics.body("p1", f"{part}/{what}").name for part in PARTS for what in ("pose_with_covariance", "twist")}
     monkeypatch.setattr("posefuse_ros.ros_output.covariance_of_parts", None)
     output = RosOutput(kept)
-    output.people._part_rates.step = None
+    output._part_rates.step = None
     output.step(person())
     assert kept.on(f"{one}/pose") and not kept.on(f"{one}/pose_with_covariance")
 

@@ -35,7 +35,7 @@ def send(node, count):
     print("matched", flush=True)
     started = time.monotonic()
     for number in range(count):
-        node.publish(topics.POSE, message_from_pose(pose(number), {}, "world"), 0)
+        node.publish(topics.POSE, message_from_pose(pose(number), {}), 0)
         time.sleep(max(0.0, started + 0.01 * (number + 1) - time.monotonic()))
     print("done", flush=True)
     time.sleep(1)

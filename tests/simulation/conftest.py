@@ -5,13 +5,11 @@ from collections.abc import Callable
 import pytest
 
 from posefuse.core import DependencyError
-from posefuse.core.ideal_image import optics_of
 from posefuse_sim import Scene
 from posefuse_sim.build import LiveScene, live_scene
 from posefuse_sim.render.model import render_model
-from posefuse_sim.render.shot import CameraShooter, Shot
+from posefuse_sim.render.shot import CameraShooter, Shot, shot_image
 from posefuse_sim.render.stage import RenderStage, working_backend
-from posefuse_sim.source import shot_image
 
 
 @pytest.fixture(scope="session")
@@ -29,9 +27,7 @@ def shots(backend) -> Callable[..., tuple[LiveScene, list[Shot]]]:
 
     def shots_(scene: Scene, frame: int = 0) -> tuple[LiveScene, list[Shot]]:
         live = live_scene(scene)
-        views = [optics_of(camera).view for camera in live.rig]
-        size_px = max(view.width for view in views), max(view.height for view in views)
-        stage = RenderStage(render_model(live, size_px, backend), backend)
+        stage = RenderStage(render_model(live, live.rig, backend), backend)
         try:
             shooters = [CameraShooter(camera, placed.sensor, stage) for camera, placed in zip(live.rig, live.placed, strict=True)]
             return live, [shot_image(live, c, frame, shooter) for c, shooter in enumerate(shooters)]

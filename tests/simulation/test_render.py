@@ -101,7 +101,7 @@ from posefuse_sim.build import live_scene
 from posefuse_sim.render.model import render_model
 from posefuse_sim.render.stage import RenderStage
 live, name = live_scene(scene(cameras={"kind": "ring", "image": {"size_px": [64, 48]}})), sys.argv[1]
-stage, eye = RenderStage(render_model(live, (64, 48), name), name), live.rig.cameras[0]
+stage, eye = RenderStage(render_model(live, live.rig, name), name), live.rig.cameras[0]
 stage.place(np.zeros((0, 7)))
 image, depth = stage.draw(optics_of(eye).view, eye.cam_from_world)
 stage.close()

@@ -24,8 +24,8 @@ from posefuse_sim import read_scene, simulate, truth_of
 from posefuse_sim import session as sessions
 from posefuse_sim.build import live_scene
 from posefuse_sim.render.model import render_model
+from posefuse_sim.render.shot import body_poses
 from posefuse_sim.render.stage import RenderStage
-from posefuse_sim.session import body_poses
 from posefuse_sim.source import SimulatedConfig
 
 pytestmark = pytest.mark.gl
@@ -103,11 +103,10 @@ def _people_drawn(stage: RenderStage, view: SourceView, cam_from_world: SE3) -> 
 
 def test_visible_joints_lie_on_their_person_and_hidden_ones_exist(session, backend):
     live, truth = live_scene(_SCENE), read_truth(session / "truth" / "truth.npz")
-    optics = [optics_of(camera) for camera in live.rig]
-    largest = np.max([(one.view.width, one.view.height) for one in optics], axis=0)
-    stage = RenderStage(render_model(live, (int(largest[0]), int(largest[1])), backend), backend)
+    stage = RenderStage(render_model(live, live.rig, backend), backend)
     inside = []
-    for camera, view, lens in zip(live.rig, truth.views, optics, strict=True):
+    for camera, view in zip(live.rig, truth.views, strict=True):
+        lens = optics_of(camera)
         for f, t_ns in enumerate(view.t_ns):
             stage.place(body_poses(live, np.array([t_ns / 1e9]))[0])
             people = _people_drawn(stage, lens.view, camera.cam_from_world)

@@ -15,14 +15,12 @@ from posefuse.realtime.estimator import Estimator, warmed_up
 from posefuse_ros import topics
 from posefuse_ros.bags import Warn, read_mcap, read_notes
 from posefuse_ros.camera_messages import joint_centres_from_message
-from posefuse_ros.mcap_output import NOTES
 from posefuse_ros.messages import detections_from_message, pose_from_message
 
 
 def provenance_of(path: Path) -> tuple[tuple[str, ...], str, LiveConfig]:
     """What `notes_of` left in a recording: its cameras in their order, the rig's content hash, and all settings."""
-    notes = read_notes(path, NOTES)
-    assert notes is not None
+    notes = read_notes(path)
     config = settings_from_mapping(json.loads(notes["settings"]), LiveConfig, where=str(path))
     return tuple(json.loads(notes["cameras"])), notes["rig_id"], config
 

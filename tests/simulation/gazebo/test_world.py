@@ -16,20 +16,18 @@ from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
 
 from posefuse.core import SE3, Camera, ConfigError, InputError
-from posefuse.core.ideal_image import drawn_camera, optics_of
+from posefuse.core.ideal_image import drawn_camera
 from posefuse.formats.rig import read_rig
 from posefuse.formats.truth import read_loop, read_truth
 from posefuse_ros.camera_info import RigLens
 from posefuse_sim.cameras import SensorSettings, rig_from_cameras
 from posefuse_sim.gazebo import export_world
 from posefuse_sim.gazebo.animation import baked, halfway
-from posefuse_sim.gazebo.collada import ColladaSkeleton, Mesh, Surface, write_collada
 from posefuse_sim.gazebo.world import CAM_FROM_LINK, CENTRE_PX, pose_text, world_from_link
 from posefuse_sim.props import GroundTile
 from posefuse_sim.render.model import render_model
-from posefuse_sim.render.shot import CameraShooter
+from posefuse_sim.render.shot import CameraShooter, body_poses
 from posefuse_sim.render.stage import RenderStage
-from posefuse_sim.session import body_poses
 
 
 def camera_from_gazebo(read: dict) -> Camera:
@@ -205,8 +203,7 @@ def test_what_cannot_be_is_refused_in_one_line(scene, tmp_path):
 @pytest.fixture(scope="module")
 def draw(written, backend):
     live = written.live
-    sizes = [optics_of(camera).view for camera in live.rig]
-    stage = RenderStage(render_model(live, (max(v.width for v in sizes), max(v.height for v in sizes)), backend), backend)
+    stage = RenderStage(render_model(live, live.rig, backend), backend)
 
     def draw_(camera, t_s=0.4):
         poses = body_poses(live, np.array([t_s]))
@@ -381,20 +378,3 @@ def test_halfway_is_half_the_turn_of_each_joint_in_its_parent():
     world[:, 1, 0, 3], world[:, 1, 1, 3] = cosine, sine
     (middle,) = halfway(world, np.array([-1, 0]))
     np.testing.assert_allclose(middle[1, :2, 3], [np.cos(0.6), np.sin(0.6)], atol=1e-12)
-
-
-@pytest.mark.parametrize("names", [("a.b",), ("a", "a"), ("two words",)])
-def test_joints_with_names_that_readers_take_for_another_are_refused(names, tmp_path):
-    count = len(names)
-    skeleton = ColladaSkeleton(
-        names=names,
-        parent=np.arange(count) - 1,
-        world_from_joint_rest=np.tile(np.eye(4), (count, 1, 1)),
-        index=np.zeros((3, 4), int),
-        weight=np.array([[1.0, 0, 0, 0]] * 3),
-        t_s=np.array([0.0, 1.0]),
-        parent_from_joint=np.tile(np.eye(4), (2, count, 1, 1)),
-    )
-    mesh = Mesh(vertices=np.eye(3), normals=np.eye(3), uv=np.zeros((3, 2)), parts={"part": (Surface(), np.array([[0, 1, 2]]))})
-    refusal(InputError, "unique names", write_collada, tmp_path / "a.dae", mesh, skeleton)
-    assert not list(tmp_path.iterdir())

@@ -48,8 +48,8 @@ class _WholeReads:
         return raw
 
 
-def mcap_records(path: Path, most_bytes: int, warn: Callable[[str], None]) -> Iterator[tuple[str, Any]]:
-    """(kind, record) of everything in the file, in order; records longer than `most_bytes` are damage.
+def mcap_records(path: Path, warn: Callable[[str], None]) -> Iterator[tuple[str, Any]]:
+    """(kind, record) of everything in the file, in order; records that are too long are damage.
 
     `warn` is given one line when the file was cut off.
 
@@ -63,7 +63,7 @@ def mcap_records(path: Path, most_bytes: int, warn: Callable[[str], None]) -> It
         raise SourceError(f"{path}: cannot be opened ({error.strerror})") from None
     with file:
         reads = _WholeReads(file)
-        records = stream_reader.StreamReader(reads, validate_crcs=True, record_size_limit=most_bytes).records
+        records = stream_reader.StreamReader(reads, validate_crcs=True, record_size_limit=_MAX_MESSAGE_BYTES).records
         whole_bytes, any_record = 0, False
         spans: dict[int, _Span] = {}
         while True:
@@ -116,6 +116,7 @@ def _damage() -> tuple[type[BaseException], ...]:
 
 _MAX_MESSAGE_BYTES = 2**28
 _CHUNK_BYTES = 2**18
+_NOTES = "posefuse_live"
 Warn = Callable[[str], None]
 """Takes the one line about what is missing of a recording that was cut off; `warnings.warn` where none is given."""
 
@@ -166,9 +167,9 @@ class Recorder(Closing):
             pass
         raise InputError(f"{self.path}: the file is gone; its folder was removed, or its disk unplugged")
 
-    def note(self, name: str, texts: Mapping[str, str]) -> None:
-        """Keep texts under a name, to be found by `read_notes`; before the first message."""
-        self._writer.add_metadata(name, dict(texts))
+    def note(self, texts: Mapping[str, str]) -> None:
+        """Keep texts by their names, to be found by `read_notes`; before the first message."""
+        self._writer.add_metadata(_NOTES, dict(texts))
 
     def wanted(self, topic: Topic) -> bool:
         """A file takes everything."""
@@ -237,7 +238,7 @@ def read_mcap(
     schemas: dict[int, Any] = {}
     channels: dict[int, Any] = {}
     checked: set[int] = set()
-    for kind, record in mcap_records(path, _MAX_MESSAGE_BYTES, warn or _warn):
+    for kind, record in mcap_records(path, warn or _warn):
         if kind == "Schema":
             schemas[record.id] = record
         elif kind == "Channel":
@@ -257,15 +258,15 @@ def read_mcap(
             yield Recorded(channel.topic, decode(record.data, schema.name, _MAX_MESSAGE_BYTES), record.log_time)
 
 
-def read_notes(path: Path, name: str) -> dict[str, str] | None:
-    """Texts kept by `Recorder.note`; None where there are none. Raises SourceError as `read_mcap` does."""
+def read_notes(path: Path) -> dict[str, str]:
+    """Texts kept by `Recorder.note`; empty where there are none. Raises SourceError as `read_mcap` does."""
     # the reader of the messages reports that the file was cut off
-    for kind, record in mcap_records(path, _MAX_MESSAGE_BYTES, lambda line: None):
-        if kind == "Metadata" and record.name == name:
+    for kind, record in mcap_records(path, lambda line: None):
+        if kind == "Metadata" and record.name == _NOTES:
             return dict(record.metadata)
         if kind == "Message":
             break
-    return None
+    return {}
 
 
 def _warn(line: str) -> None:

@@ -99,25 +99,18 @@ class Reader:
 
 
 class Writer:
-    """Sends messages on one topic. Made by `RosNode.writer`.
-
-    Attributes:
-        dropped: messages given up because a reader that asks for every message did not keep up.
-    """
+    """Sends messages on one topic. Made by `RosNode.writer`."""
 
     def __init__(self, topic: Topic, entity: Any) -> None:
         self.topic = topic
         self.entity = entity
-        self.dropped = 0
 
     def write(self, raw: bytes) -> None:
-        """Send CDR bytes. Of a slow reader's backlog only the newest `depth` are kept."""
+        """Send CDR bytes. Of a slow reader's backlog only the newest `depth` are kept; one that holds everything up gets none."""
         from cyclonedds._clayer import ddspy_write
 
         code = ddspy_write(self.entity._ref, raw)
-        if code == _TIMEOUT:
-            self.dropped += 1
-        elif code < 0:
+        if code < 0 and code != _TIMEOUT:
             raise SourceError(f"topic {self.topic.name}: Cyclone DDS could not write {len(raw)} bytes (code {code})")
 
     def readers(self) -> int:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import replace
 from typing import Any, ClassVar, Literal
 
 import numpy as np
@@ -14,12 +13,13 @@ from posefuse.core import (
     LiveHealth,
     LiveJointCentres,
     LiveMessage,
+    LiveNames,
     LiveOutput,
     LivePose,
     LivePreview,
     LiveStart,
     OutputHealth,
-    Rig,
+    Pose3D,
 )
 from posefuse.foundation.settings import settings
 
@@ -27,7 +27,7 @@ from . import topics
 from .camera_messages import info_from_camera, message_from_joint_centres
 from .dds import RosNode
 from .dds_domain import NetworkSettings, require_tested_cyclonedds
-from .messages import diagnostic_status, header, message_from_detections, message_from_pose, optical_frame
+from .messages import diagnostic_status, header, message_from_detections, message_from_names, message_from_pose, optical_frame
 from .rclpy_node import RclpyNode, ros2_is_sourced
 from .ros1 import Ros1Node
 from .ros_output import RosOutput
@@ -38,8 +38,6 @@ _OK, _WARNING, _ERROR = 0, 1, 2
 _LEVELS = dict.fromkeys(("opening", "flood", "clock", "late", "overload", "moved", "unsynchronised", "hangs"), _WARNING) | {
     "ok": _OK
 }
-# how long a simulator may take to publish its time
-_CLOCK_WITHIN_S = 10.0
 _EVERYTHING = (LiveDetections, LivePose, LiveExpected, LiveJointCentres, LiveHealth, LivePreview)
 
 
@@ -104,21 +102,13 @@ class RosLiveOutput:
         match message:
             case LiveStart():
                 self._open(message)
-            case LivePose():
-                self._follow_clock(message.pose.t_ns)
-                self._ros.step(message.pose, message.joints, message.stages_ns)
-            case LiveExpected(pose=pose) if self._node.wanted(topics.EXPECTED):
-                self._node.publish(topics.EXPECTED, message_from_pose(pose, {}, self._ros.world_frame), pose.t_ns)
-            case LiveHealth():
-                self._follow_clock(message.t_ns)
-                self._ros.diagnose(message.t_ns, health_lines(message))
-            case LivePreview():
-                self._follow_clock(message.t_ns)
-                publish_preview(self._node, replace(message, t_ns=message.t_ns + self._ros.epoch_offset_ns), self._ros.rig)
-            case LiveJointCentres() if self._config.detections:
-                self._node.publish(topics.JOINT_CENTRES, message_from_joint_centres(message), message.t_ns)
-            case LiveDetections(detections=view) if self._config.detections and self._node.wanted(topics.DETECTIONS):
-                self._node.publish(topics.DETECTIONS, message_from_detections(view, message.stages_ns), view.t_ns)
+            case LiveDetections() | LiveJointCentres() if not self._config.detections:
+                pass
+            case LivePose(pose=Pose3D(t_ns=t_ns)) | LiveHealth(t_ns=t_ns) | LivePreview(t_ns=t_ns):
+                self._follow_clock(t_ns)
+                publish(self._ros, message)
+            case _:
+                publish(self._ros, message)
 
     def close(self) -> None:
         """Leave the network."""
@@ -130,7 +120,7 @@ class RosLiveOutput:
         self._ros = RosOutput(self._node, start.rig)
         if self._config.sim_time:
             self._clock = ClockReader(self._node)
-            self._clock.wait(_CLOCK_WITHIN_S)
+            self._clock.wait()
             self._follow_clock(start.t_ns)
         self._ros.start(start.t_ns)
 
@@ -140,20 +130,40 @@ class RosLiveOutput:
             self._ros.epoch_offset_ns = self._clock.clock.sim_from_real(t_ns) - t_ns
 
 
-def publish_preview(outlet: topics.Outlet, preview: LivePreview, rig: Rig) -> None:
+def publish(output: RosOutput, message: LiveMessage) -> None:
+    """What goes to ROS, or into a recording, of a message of a session, while it is wanted."""
+    outlet = output.outlet
+    match message:
+        case LivePose():
+            output.step(message.pose, message.joints, message.stages_ns)
+        case LiveExpected(pose=pose) if outlet.wanted(topics.EXPECTED):
+            outlet.publish(topics.EXPECTED, message_from_pose(pose, {}), pose.t_ns)
+        case LiveHealth():
+            output.diagnose(message.t_ns, health_lines(message))
+        case LivePreview():
+            _publish_preview(output, message)
+        case LiveJointCentres():
+            outlet.publish(topics.JOINT_CENTRES, message_from_joint_centres(message), message.t_ns)
+        case LiveNames(names=names):
+            outlet.publish(topics.NAMES, message_from_names(names), message.t_ns)
+        case LiveDetections(detections=view) if outlet.wanted(topics.DETECTIONS):
+            outlet.publish(topics.DETECTIONS, message_from_detections(view, message.stages_ns), view.t_ns)
+
+
+def _publish_preview(output: RosOutput, preview: LivePreview) -> None:
     """A small image on its camera's topic and the intrinsics of that size with the same stamp, while there is a subscriber."""
+    outlet, t_ns = output.outlet, preview.t_ns + output.epoch_offset_ns
     topic, info = topics.preview(preview.camera), topics.preview_info(preview.camera)
     if outlet.wanted(topic):
         msg = message(
             topic.type_name,
-            header=header(preview.t_ns, optical_frame(preview.camera)),
+            header=header(t_ns, optical_frame(preview.camera)),
             format="rgb8; jpeg compressed bgr8",
             data=np.frombuffer(preview.jpeg, np.uint8),
         )
-        outlet.publish(topic, msg, preview.t_ns)
-    if outlet.wanted(info):
-        camera = rig[preview.camera].scaled(preview.size_wh)
-        outlet.publish(info, info_from_camera(camera, preview.t_ns), preview.t_ns)
+        outlet.publish(topic, msg, t_ns)
+    if output.rig is not None and outlet.wanted(info):
+        outlet.publish(info, info_from_camera(output.rig[preview.camera].scaled(preview.size_wh), t_ns), t_ns)
 
 
 def health_lines(health: LiveHealth) -> list[Any]:

@@ -42,9 +42,8 @@ from posefuse.fusion import FuseSettings
 from posefuse.pipeline.config import TrackConfig
 
 from . import topics
-from .bags import read_clock, read_mcap, read_notes, read_rig
+from .bags import Warn, read_clock, read_mcap, read_notes, read_rig
 from .camera_messages import joint_centres_from_message
-from .mcap_output import NOTES
 from .messages import detections_from_message, names_from_message, pose_from_message
 
 # Settings for the second solve of a live session, from those that it was made with.
@@ -118,7 +117,6 @@ def _off_share(camera: Camera, xy_img: Array, t_ns: Array, poses: PoseSequence) 
     return off
 
 
-Warn = Callable[[str], None]
 # read on both sides of a section
 _SECTION_MARGIN_S = 2.0
 _TOPICS = {topic.name for topic in (topics.DETECTIONS, topics.POSE, topics.JOINT_CENTRES, topics.NAMES)}
@@ -161,7 +159,7 @@ def read(path: Path, warn: Warn | None = None, *, start_s: float | None = None, 
         MessageError: a message that is malformed.
     """
     say = warn or (lambda line: warnings.warn(line, stacklevel=3))
-    notes = read_notes(path, NOTES) or {}
+    notes = read_notes(path)
     parts, made = _parts(path, notes), _stated_provenance(path, notes)
     content = _Content(stated_ns=made.get("start_ns"))
     low_s = -math.inf if start_s is None else start_s - _SECTION_MARGIN_S
@@ -195,9 +193,7 @@ def read(path: Path, warn: Warn | None = None, *, start_s: float | None = None, 
 
 def simulated_times(path: Path) -> tuple[Array, Array]:
     """Times (T,) of the session at which `/clock` was kept and its simulated times (T,) then, ns; empty where there was none."""
-    t_ns, sim_ns = zip(
-        *(read_clock(part, lambda line: None) for part in _parts(path, read_notes(path, NOTES) or {})), strict=True
-    )
+    t_ns, sim_ns = zip(*(read_clock(part, lambda line: None) for part in _parts(path, read_notes(path))), strict=True)
     return np.concatenate(t_ns), np.concatenate(sim_ns)
 
 
@@ -206,7 +202,7 @@ def _parts(path: Path, notes: Mapping[str, str]) -> list[Path]:
     found = [path]
     for part in parts_of(path)[1:]:
         try:
-            other: Mapping[str, str] = read_notes(part, NOTES) or {}
+            other: Mapping[str, str] = read_notes(part)
         except SourceError:
             # what it holds is stated where it is read
             other = notes

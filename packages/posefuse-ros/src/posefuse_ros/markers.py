@@ -11,7 +11,7 @@ from posefuse.core import Detections2D, Kind, Pose3D, Rig
 from posefuse.core.arrays import Array
 from posefuse.core.palette import colour_of
 
-from .messages import header, point, quaternion, time_from_ns, vector
+from .messages import WORLD, header, point, quaternion, time_from_ns, vector
 from .types import message
 
 _LINE_LIST, _SPHERE_LIST, _TEXT = 5, 7, 9
@@ -35,7 +35,7 @@ def side_colours(keypoints: tuple[str, ...]) -> Array:
     return np.array([colour_of(name).image_rgb for name in keypoints]) / 255
 
 
-def person_markers(pose: Pose3D, world_frame: str) -> Any:
+def person_markers(pose: Pose3D) -> Any:
     """`MarkerArray`: bones and keypoints of everybody (left orange, right blue, predicted see-through), ids above heads."""
     k = pose.skeleton.keypoints
     colours = side_colours(k)
@@ -46,7 +46,7 @@ def person_markers(pose: Pose3D, world_frame: str) -> Any:
         rgba = np.column_stack([colours, np.where(pose.kind[n] == Kind.PREDICTED, _PREDICTED_ALPHA, 1.0)])
         bones = pose.skeleton.bone_indices
         ends = bones[seen[bones].all(axis=-1)].ravel()
-        of_person = {"header": header(pose.t_ns, world_frame), "id": person}
+        of_person = {"header": header(pose.t_ns, WORLD), "id": person}
         markers.append(_marker(**of_person, ns="bones", type=_LINE_LIST, size_m=_BONE_M, points=xyz[ends], colours=rgba[ends]))
         markers.append(
             _marker(**of_person, ns="keypoints", type=_SPHERE_LIST, size_m=_KEYPOINT_M, points=xyz[seen], colours=rgba[seen])
@@ -57,7 +57,7 @@ def person_markers(pose: Pose3D, world_frame: str) -> Any:
     return message("visualization_msgs/msg/MarkerArray", markers=markers)
 
 
-def camera_markers(rig: Rig, t_ns: int, world_frame: str) -> Any:
+def camera_markers(rig: Rig, t_ns: int) -> Any:
     """`MarkerArray`: a pyramid and the name of each camera."""
     markers = []
     for c, camera in enumerate(rig):
@@ -68,7 +68,7 @@ def camera_markers(rig: Rig, t_ns: int, world_frame: str) -> Any:
         tip, rim = camera.centre_world, camera.cam_from_world.inverse() @ rays
         lines = np.concatenate([[tip, rim[i], rim[i], rim[(i + 1) % 4]] for i in range(4)])
         grey = np.tile([*_GREY, 1.0], (len(lines), 1))
-        of_camera = {"header": header(t_ns, world_frame), "id": c, "lifetime_ns": 0}
+        of_camera = {"header": header(t_ns, WORLD), "id": c, "lifetime_ns": 0}
         markers.append(_marker(**of_camera, ns="cameras", type=_LINE_LIST, size_m=_LINE_M, points=lines, colours=grey))
         label = tip + [0, 0, 1.5 * _TEXT_M]
         markers.append(_marker(**of_camera, ns="camera_names", type=_TEXT, size_m=_TEXT_SIZE_M, xyz=label, text=camera.name))

@@ -5,12 +5,12 @@ The second holds what a live session would have published; see `bags`.
 
 from __future__ import annotations
 
-import contextlib
 import json
 import shutil
 import time
 from collections.abc import Iterator, Mapping
 from contextlib import suppress
+from dataclasses import replace
 from datetime import datetime
 from pathlib import Path
 from typing import Any, ClassVar
@@ -41,13 +41,12 @@ from posefuse.foundation.settings import settings
 
 from . import topics
 from .bags import Recorder
-from .camera_messages import message_from_joint_centres
 from .dds import RosNode
 from .dds_domain import NetworkSettings
-from .live_output import health_lines, publish_preview
+from .live_output import publish
 from .markers import annotations_of_view
-from .messages import message_from_detections, message_from_names, time_from_ns
-from .ros_output import RosOutput
+from .messages import message_from_detections, time_from_ns
+from .ros_output import RosOutput, ShownTimes
 from .sim_time import ClockReader, SimulatedClock
 from .types import message, optional_module
 
@@ -77,7 +76,7 @@ class McapSink:
         with atomic_file(path) as staged:
             staged.unlink(missing_ok=True)
             with Recorder(staged) as recorder:
-                recorder.note(NOTES, _notes(recording, offset_ns))
+                recorder.note(_notes(recording, offset_ns))
                 output = RosOutput(recorder, recording.rig, epoch_offset_ns=offset_ns)
                 output.start(begin_ns)
                 for i in range(len(recording.poses)):
@@ -115,26 +114,18 @@ def _views(recording: Recording, i: int, epoch_offset_ns: int) -> Iterator[Detec
     for c, camera in enumerate(recording.rig):
         score = recording.views.score[i, :, c]
         here = (score > 0).any(axis=-1)
-        xy, score, sigma = recording.views.xy_img[i, here, c], score[here], recording.views.sigma_px[i, here, c]
-        seen = np.where((score > 0)[..., None], xy, np.nan)
-        box = np.concatenate([np.nanmin(seen, axis=1), np.nanmax(seen, axis=1)], axis=-1) if len(xy) else np.zeros((0, 4))
-        t_ns = int(recording.poses.t_ns[i]) + epoch_offset_ns
-        yield Detections2D(
-            camera=camera.name, t_ns=t_ns, skeleton=recording.poses.skeleton, xy_img=xy, score=score, sigma_px=sigma, box_img=box,
-            depth_m=None if recording.views.depth_m is None else recording.views.depth_m[i, here, c],
-        )  # fmt: skip
+        t_ns, skeleton, views = int(recording.poses.t_ns[i]) + epoch_offset_ns, recording.poses.skeleton, recording.views
+        xy, sigma = views.xy_img[i, here, c], views.sigma_px[i, here, c]
+        view = Detections2D.of(camera.name, t_ns, skeleton, xy, score[here], sigma)
+        yield view if views.depth_m is None else replace(view, depth_m=views.depth_m[i, here, c])
 
 
-_WITHIN_S = 10.0
-NOTES = "posefuse_live"
 SUFFIX = ".mcap"
 # a part that ends in its first second again is of no use
 _LEAST_FREE_BYTES = 4 * 2**20
 # so often it is looked whether the file is still there
 _LOOK_S = 1.0
 _TAKES = (LiveDetections, LivePose, LiveJointCentres, LiveNames, LiveHealth)
-# what viewers draw is recorded so often
-_SHOWN_NS = 1_000_000_000 // 30
 # topics of a body that follow from others
 _NOT_RECORDED = frozenset(topics.BODY_PARTS) - {"joint_states", "joint_angles", "urdf"}
 
@@ -153,7 +144,7 @@ class _SessionRecorder(Recorder):
     def wanted(self, topic: topics.Topic) -> bool:
         """See `topics.Outlet`."""
         name = topic.name
-        if topic.latched or name == topics.POSE.name or name.endswith("/joint_angles") or "/preview/" in name:
+        if topic.latched or topic in (topics.DETECTIONS, topics.POSE) or name.endswith("/joint_angles") or "/preview/" in name:
             return True
         return self.shown and name.removeprefix("/humans/bodies/").partition("/")[2] not in _NOT_RECORDED
 
@@ -205,7 +196,7 @@ class RecordOutput:
         # where `/clock` is to be kept
         self._node: Any = None
         self._clock: Any = None
-        self._shown_ns = -_SHOWN_NS
+        self._shown = ShownTimes()
         self._looked_s = 0.0
         self._views: dict[str, Detections2D] = {}
         # whether the session got as far as a view or a pose
@@ -224,20 +215,17 @@ class RecordOutput:
         match message:
             case LiveStart():
                 self._open(message)
+                return
             case LiveDetections(detections=view):
                 self._filled, self._views[view.camera] = True, view
-                self._recorder.publish(topics.DETECTIONS, message_from_detections(view, message.stages_ns), view.t_ns)
-            case LivePose():
-                self._filled = True
-                self._pose(message)
-            case LivePreview():
-                self._preview(message)
-            case LiveJointCentres():
-                self._recorder.publish(topics.JOINT_CENTRES, message_from_joint_centres(message), message.t_ns)
-            case LiveNames(names=names):
-                self._recorder.publish(topics.NAMES, message_from_names(names), message.t_ns)
-            case LiveHealth():
-                self._ros.diagnose(message.t_ns, health_lines(message))
+            case LivePose(pose=Pose3D(t_ns=t_ns)):
+                self._filled, self._recorder.shown = True, self._shown.due(t_ns)
+                if self._clock is not None:
+                    self._clock.update()
+                    keep_clock(self._recorder, self._clock.clock, t_ns)
+        publish(self._ros, message)
+        if isinstance(message, LivePreview):
+            self._annotate(message)
 
     def close(self) -> None:
         """Finish the file."""
@@ -248,20 +236,8 @@ class RecordOutput:
             if not self._filled:
                 self._recorder.path.unlink(missing_ok=True)
 
-    def _pose(self, message: LivePose) -> None:
-        t_ns = message.pose.t_ns
-        self._recorder.shown = not 0 <= t_ns - self._shown_ns < _SHOWN_NS * 19 // 20
-        if self._recorder.shown:
-            # due times, so that the rate does not fall to that of every fourth pose
-            went_on = t_ns - self._shown_ns < 2 * _SHOWN_NS
-            self._shown_ns = self._shown_ns + _SHOWN_NS if went_on and t_ns > self._shown_ns else t_ns
-        if self._clock is not None:
-            self._clock.update()
-            keep_clock(self._recorder, self._clock.clock, t_ns)
-        self._ros.step(message.pose, message.joints, message.stages_ns)
-
-    def _preview(self, preview: LivePreview) -> None:
-        publish_preview(self._recorder, preview, self._ros.rig)
+    def _annotate(self, preview: LivePreview) -> None:
+        """2D keypoints over a small image, of the same time."""
         view = self._views.get(preview.camera)
         if view is not None and view.t_ns == preview.t_ns:
             msg = annotations_of_view(view, preview.size_wh, self._ros.rig[preview.camera].size_wh)
@@ -282,17 +258,17 @@ class RecordOutput:
         if self._config.sim_time:
             self._node = RosNode("posefuse_record", self._config.network)
             self._clock = ClockReader(self._node)
-            self._clock.wait(_WITHIN_S)
+            self._clock.wait()
         self._recorder = self._part(start.part)
         if start.notes:
-            self._recorder.note(NOTES, {**start.notes, "part": str(start.part)})
+            self._recorder.note({**start.notes, "part": str(start.part)})
         self._ros = RosOutput(self._recorder, start.rig)
         self._ros.start(start.t_ns)
 
 
 def _with_room(path: Path) -> Path:
     """The path; raises InputError where its disk is full."""
-    with contextlib.suppress(FileNotFoundError):
+    with suppress(FileNotFoundError):
         free = shutil.disk_usage(path.parent).free
         if free < _LEAST_FREE_BYTES:
             raise InputError(

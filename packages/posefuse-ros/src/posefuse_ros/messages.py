@@ -22,6 +22,8 @@ from .bodies import JOINTS
 from .types import message
 
 Stages = Mapping[str, int]
+# tf name of the world
+WORLD = "world"
 DETECTIONS_TYPE = "posefuse_msgs/msg/Detections2D"
 POSE_TYPE = "posefuse_msgs/msg/Pose3D"
 JOINT_ANGLES_TYPE = "posefuse_msgs/msg/JointAngles"
@@ -153,11 +155,11 @@ def _known_or_empty(array: Array) -> Array:
     return array.ravel() if np.isfinite(array).any() else np.zeros(0, array.dtype)
 
 
-def message_from_pose(pose: Pose3D, stages: Stages, world_frame: str) -> Any:
+def message_from_pose(pose: Pose3D, stages: Stages) -> Any:
     """`posefuse_msgs/Pose3D` of one time step."""
     return message(
         POSE_TYPE,
-        header=header(pose.t_ns, world_frame),
+        header=header(pose.t_ns, WORLD),
         skeleton=pose.skeleton.name,
         keypoints=list(pose.skeleton.keypoints),
         person_id=pose.person_id,
@@ -200,13 +202,13 @@ def pose_from_message(msg: Any) -> tuple[Pose3D, dict[str, int]]:
     return pose, _stages(msg)
 
 
-def messages_from_joints(joints: JointAngles, world_frame: str, t_ns: int) -> list[Any]:
+def messages_from_joints(joints: JointAngles, t_ns: int) -> list[Any]:
     """`posefuse_msgs/JointAngles` of each person at the last time step of `joints`, stamped `t_ns`."""
     names = angle_labels(joints, "/")
     return [
         message(
             JOINT_ANGLES_TYPE,
-            header=header(t_ns, world_frame),
+            header=header(t_ns, WORLD),
             person_id=int(person),
             name=names,
             angle_rad=joints.angle_rad[-1, n].ravel(),

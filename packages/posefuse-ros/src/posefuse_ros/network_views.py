@@ -222,7 +222,7 @@ class NetworkViews(Closing, ViewSource):
         duration_s: no first view is waited for any longer; None: no limit.
 
     Attributes:
-        views: what is made of the messages. dropped: messages the fusion had no room for.
+        views: what is made of the messages.
     """
 
     def __init__(
@@ -236,7 +236,6 @@ class NetworkViews(Closing, ViewSource):
         say: Say = lambda line: None,
     ) -> None:
         self.views = ViewIntake(rig.names, config.hand_over_s)
-        self.dropped = 0
         self._rig, self._clock, self._config, self._duration_s, self._say = rig, clock, config, duration_s, say
         self._begun_ns = clock.now_ns()
         self._node = RosNode("posefuse_fusion_intake", network)
@@ -314,10 +313,10 @@ class NetworkViews(Closing, ViewSource):
         self._intrinsics.receive()
         for sample in self._centres_reader.take():
             for found in self.views.centres(sample):
-                self.dropped += not self._theirs.send(found, _WAIT_S)
+                self._theirs.send(found, _WAIT_S)
         for sample in self._reader.take():
             for found in self.views.view(sample, self._clock.now_ns()):
-                self.dropped += not self._theirs.send(found)
+                self._theirs.send(found)
         if self.views.senders.skeleton is not None:
             self._chosen.set()
 

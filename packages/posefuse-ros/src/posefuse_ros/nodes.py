@@ -32,7 +32,7 @@ from .camera_info import publish_intrinsics, rig_of_nodes
 from .camera_messages import message_from_joint_centres
 from .dds import RosNode
 from .dds_domain import Network
-from .live_output import Ros2Config, health_lines, publish_preview
+from .live_output import Ros2Config, publish
 from .messages import POSE_TYPE, message_from_detections, pose_from_message
 from .network_views import NetworkViews
 from .ros_output import RosOutput
@@ -41,7 +41,6 @@ from .types import Intake
 _S = 1_000_000_000
 _POLL_S = 0.01
 _JUDGE_NS = _S // 4
-_MAX_BYTES = 2**20
 
 
 class CameraNode:
@@ -49,14 +48,14 @@ class CameraNode:
 
     def __init__(self, rig: Rig, cameras: Sequence[str], node: RosNode, clock: SessionClock, skeleton: Skeleton) -> None:
         self.cameras, self.monitor, self.sent = tuple(cameras), Monitor(cameras), dict.fromkeys(cameras, 0)
-        self._rig, self._node, self._clock = rig, node, clock
+        self._node, self._clock = node, clock
         self._poses = node.reader(topics.EXPECTED)
-        self._intake = Intake(POSE_TYPE, pose_from_message, _MAX_BYTES)
+        self._intake = Intake(POSE_TYPE, pose_from_message)
         self._looked_for: Pose3D | None = None
         self._fusion, self._taken_ns = "", 0
         self._skeleton = skeleton
         self._judged_ns = 0
-        self._output = RosOutput(node, None)
+        self._output = RosOutput(node, rig)
         # announced now: a fusion node that waits for it need not wait for the first person
         node.writer(topics.DETECTIONS)
 
@@ -71,12 +70,12 @@ class CameraNode:
                 for state in message.cameras:
                     self.monitor.take_state(state, message.t_ns)
             elif isinstance(message, LivePreview):
-                publish_preview(self._node, message, self._rig)
+                publish(self._output, message)
         now_ns = self._clock.now_ns()
         if now_ns - self._judged_ns > _JUDGE_NS:
             self._judged_ns = now_ns
             cameras = self.monitor.judge(now_ns, groups.troubles())
-            self._output.diagnose(now_ns, health_lines(LiveHealth(t_ns=now_ns, cameras=cameras)))
+            publish(self._output, LiveHealth(t_ns=now_ns, cameras=cameras))
 
     def _send(self, seen: SeenView) -> None:
         view = self.monitor.admit(

@@ -7,7 +7,7 @@ docs/reference/messages.md lists the topics.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from functools import lru_cache
 from typing import Any, NamedTuple
 from xml.sax.saxutils import quoteattr
@@ -37,6 +37,7 @@ from .bodies import (
 from .camera_messages import info_from_camera
 from .markers import camera_markers, person_markers
 from .messages import (
+    WORLD,
     Stages,
     header,
     joint_state,
@@ -58,10 +59,12 @@ from .types import message
 
 CAMERA_MARKERS = Topic("/posefuse/cameras", "visualization_msgs/msg/MarkerArray", depth=1, latched=True)
 
-_ROOT = LINKS.index("body")
+_BODY = LINKS.index("body")
 _FORGOTTEN_AFTER_NS = 3_000_000_000
-# topics of a body that need no links
-_NOT_OF_LINKS = ("skeleton2d", "roi", "joint_angles", "urdf")
+# topics of a body that are made of its links
+_OF_LINKS = [part for part in topics.BODY_PARTS if part not in ("skeleton2d", "roi", "joint_angles", "urdf")]
+# so often at most what viewers draw is made: eyes need less than robots
+SHOWN_NS = 1_000_000_000 // 30
 
 
 def body_id(person_id: int) -> str:
@@ -69,89 +72,91 @@ def body_id(person_id: int) -> str:
     return ros_name(f"p{person_id}")
 
 
-@dataclass
+class ShownTimes:
+    """When to make what viewers draw: at due times, which do not move with the poses that happen to come."""
+
+    def __init__(self) -> None:
+        self._due_ns: int | None = None
+
+    def due(self, t_ns: int) -> bool:
+        """Whether it is time again at `t_ns`; then it is not before a period has passed."""
+        due_ns = self._due_ns
+        if due_ns is None or not -SHOWN_NS <= t_ns - due_ns < SHOWN_NS:
+            due_ns = t_ns
+        # a pose that comes a little early counts: due times are no more exact than the clock that poses come by
+        if t_ns < due_ns - SHOWN_NS // 20:
+            return False
+        self._due_ns = due_ns + SHOWN_NS
+        return True
+
+
 class RosOutput:
-    """Publishes poses to an outlet (ROS 2 node, ROS 1 node, recording).
+    """Publishes poses to an outlet (ROS 2 node, ROS 1 node, recording), only what is wanted.
 
     Attributes:
         outlet: where to.
-        rig: cameras to show; None when unknown.
-        world_frame: tf name of the world.
-        view_camera: whose view `skeleton2d` and `roi` give; empty takes the rig's first.
+        rig: cameras to show; None when unknown. `skeleton2d` and `roi` give the view of the first.
         epoch_offset_ns: Unix epoch minus session clock, added to every stamp.
-        markers_hz: most markers per second; eyes need fewer than robots need poses.
     """
 
-    outlet: Outlet
-    rig: Rig | None = None
-    world_frame: str = "world"
-    view_camera: str = ""
-    epoch_offset_ns: int = 0
-    markers_hz: float = 30.0
-
-    def __post_init__(self) -> None:
+    def __init__(self, outlet: Outlet, rig: Rig | None = None, epoch_offset_ns: int = 0) -> None:
+        self.outlet, self.rig, self.epoch_offset_ns = outlet, rig, epoch_offset_ns
         self._tracked: tuple[str, ...] | None = None
         # bodies that are not there, whose topics still are: since when
         self._left_ns: dict[str, int] = {}
-        self._markers_due_ns: int | None = None
-        self._joint_rates = Velocities()
-        self.people = PersonOutput(self.outlet, self.world_frame)
-        self._view: Camera | None = None
-        if self.rig is not None:
-            self._view = self.rig[self.view_camera] if self.view_camera else self.rig.cameras[0]
+        self._markers = ShownTimes()
+        self._joint_rates, self._part_rates, self._body_rates = Velocities(), Velocities(), Velocities()
+        # of each body how often it was seen whole, and its mean lengths; and those of the model that is published
+        self._sizes: dict[str, tuple[int, Array]] = {}
+        self._models: dict[str, Array] = {}
 
     def start(self, t_ns: int) -> None:
         """Publish what does not change: where the cameras are and how they see."""
         if self.rig is None:
             return
         t_ns += self.epoch_offset_ns
-        poses = [transform(t_ns, self.world_frame, optical_frame(c.name), c.cam_from_world.inverse()) for c in self.rig]
+        poses = [transform(t_ns, WORLD, optical_frame(c.name), c.cam_from_world.inverse()) for c in self.rig]
         self.outlet.publish(topics.TF_STATIC, message("tf2_msgs/msg/TFMessage", transforms=poses), t_ns)
         for camera in self.rig:
             self.outlet.publish(topics.camera_info(camera.name), info_from_camera(camera, t_ns), t_ns)
-        self.outlet.publish(CAMERA_MARKERS, camera_markers(self.rig, t_ns, self.world_frame), t_ns)
+        self.outlet.publish(CAMERA_MARKERS, camera_markers(self.rig, t_ns), t_ns)
 
     def step(self, pose: Pose3D, joints: JointAngles | None = None, stages: Stages | None = None) -> None:
         """Publish what is subscribed to, of one time step. `joints`, if any, are of the same people; the last one is shown."""
         t_ns = pose.t_ns + self.epoch_offset_ns
         moved = {name: stage_ns + self.epoch_offset_ns for name, stage_ns in (stages or {}).items()}
-        shifted = _at(pose, t_ns)
+        shifted = pose if t_ns == pose.t_ns else replace(pose, t_ns=t_ns)
         ids = tuple(body_id(int(person)) for person in pose.person_id)
         self._show_tracked(ids, t_ns)
         if self.outlet.wanted(topics.POSE):
-            self.outlet.publish(topics.POSE, message_from_pose(shifted, moved, self.world_frame), t_ns)
+            self.outlet.publish(topics.POSE, message_from_pose(shifted, moved), t_ns)
         self._show_bodies(shifted, joints, ids)
-        if joints is not None and any(self.outlet.wanted(topics.body(one, "joint_angles")) for one in ids):
-            for msg in messages_from_joints(joints, self.world_frame, t_ns):
+        if joints is not None and self._wanted(ids, "joint_angles"):
+            for msg in messages_from_joints(joints, t_ns):
                 self.outlet.publish(topics.body(body_id(msg.person_id), "joint_angles"), msg, t_ns)
         for n, one in enumerate(ids):
-            if self._view is not None and any(self.outlet.wanted(topics.body(one, part)) for part in ("skeleton2d", "roi")):
-                self._show_view(one, shifted, n, self._view)
-        if self.outlet.wanted(topics.MARKERS) and self._markers_due(t_ns):
-            self.outlet.publish(topics.MARKERS, person_markers(shifted, self.world_frame), t_ns)
+            if self.rig is not None and self._wanted([one], "skeleton2d", "roi"):
+                self._show_view(one, shifted, n, self.rig.cameras[0])
+        if self.outlet.wanted(topics.MARKERS) and self._markers.due(t_ns):
+            self.outlet.publish(topics.MARKERS, person_markers(shifted), t_ns)
 
-    def _markers_due(self, t_ns: int) -> bool:
-        """Whether it is time for markers again: at due times, which do not move with the poses that happen to come."""
-        period_ns, due_ns = round(1e9 / self.markers_hz), self._markers_due_ns
-        if due_ns is None or not -period_ns <= t_ns - due_ns < period_ns:
-            due_ns = t_ns
-        # a pose that comes a little early counts: due times are no more exact than the clock that poses come by
-        if t_ns < due_ns - period_ns // 20:
-            return False
-        self._markers_due_ns = due_ns + period_ns
-        return True
+    def _wanted(self, ids: Sequence[str], *parts: str) -> bool:
+        """Whether any of these topics of any of these bodies is wanted."""
+        return any(self.outlet.wanted(topics.body(one, part)) for one in ids for part in parts)
 
     def _show_bodies(self, pose: Pose3D, joints: JointAngles | None, ids: Sequence[str]) -> None:
         """Frames of links and segments, the joints of the REP-155 model, and what robots follow."""
-        self.people.show_models(pose, ids)
-        parts = [part for part in topics.BODY_PARTS if part not in _NOT_OF_LINKS]
+        self._show_models(pose, ids)
         frames = self.outlet.wanted(topics.TF)
-        if not (frames or any(self.outlet.wanted(topics.body(one, part)) for one in ids for part in parts)):
+        if not (frames or self._wanted(ids, *_OF_LINKS)):
             return
         bodies = bodies_from_pose(pose)
-        if any(self.outlet.wanted(topics.body(one, "joint_states")) for one in ids):
+        if self._wanted(ids, "joint_states"):
             self._show_joints(pose, bodies.position_rad, ids)
-        self.people.step(pose, bodies, ids)
+        if self._wanted(ids, "position", "velocity"):
+            self._show_whereabouts(pose, bodies, ids)
+        if self._wanted(ids, *topics.OF_PARTS):
+            self._show_parts(pose, bodies, ids)
         if not frames:
             return
         transforms = self._frames(pose, joints, ids, bodies.world_from_link)
@@ -182,7 +187,8 @@ class RosOutput:
                 del self._left_ns[one]
             elif not 0 <= t_ns - left_ns < _FORGOTTEN_AFTER_NS:
                 del self._left_ns[one]
-                self.people.forget(one)
+                self._sizes.pop(one, None)
+                self._models.pop(one, None)
                 for part in topics.BODY_PARTS:
                     self.outlet.forget(topics.body(one, part).name)
 
@@ -191,7 +197,7 @@ class RosOutput:
         places = {} if joints is None else {person: n for n, person in enumerate(joints.person_id.tolist())}
         links, segments = [], []
         for n, (one, person) in enumerate(zip(ids, pose.person_id.tolist(), strict=True)):
-            root = world_from_link[n, _ROOT]
+            root = world_from_link[n, _BODY]
             if not np.isfinite(root.xyz).all():
                 continue
             body, own, wxyz, xyz = f"body_{one}", places.get(person), [world_from_link.wxyz[n, 1:]], [world_from_link.xyz[n, 1:]]
@@ -204,10 +210,60 @@ class RosOutput:
             # a batch of one body against all its children
             body_from_world = SE3(*(np.broadcast_to(a, (*world_from_child.batch, a.size)) for a in (back.wxyz, back.xyz)))
             body_from_child, count = body_from_world @ world_from_child, len(link_names)
-            links.append(transform(pose.t_ns, self.world_frame, body, root))
+            links.append(transform(pose.t_ns, WORLD, body, root))
             links += transforms_of_children(pose.t_ns, body, link_names, body_from_child[:count])
             segments += transforms_of_children(pose.t_ns, body, segment_names, body_from_child[count:])
         return links + segments
+
+    def _show_whereabouts(self, pose: Pose3D, bodies: Bodies, ids: Sequence[str]) -> None:
+        places = bodies.world_from_link[:, [_BODY]]
+        rates = np.full((len(ids), 6), np.nan)
+        if self._wanted(ids, "velocity"):
+            rates = self._body_rates.step(pose.t_ns, pose.person_id.tolist(), packed_poses(places), pose_difference)
+        for n, one in enumerate(ids):
+            if np.isfinite(places.xyz[n]).all() and self._wanted([one], "position"):
+                msg = point_stamped(pose.t_ns, WORLD, places.xyz[n, 0])
+                self.outlet.publish(topics.body(one, "position"), msg, pose.t_ns)
+            if np.isfinite(rates[n]).all() and self._wanted([one], "velocity"):
+                self.outlet.publish(topics.body(one, "velocity"), twist_stamped(pose.t_ns, WORLD, rates[n]), pose.t_ns)
+
+    def _show_parts(self, pose: Pose3D, bodies: Bodies, ids: Sequence[str]) -> None:
+        parts = parts_from_pose(pose, bodies)
+        rates, cov = np.full((*parts.batch, 6), np.nan), np.full((*parts.batch, 6, 6), np.nan)
+        if self._wanted(ids, *(f"{part}/twist" for part in PARTS)):
+            rates = self._part_rates.step(pose.t_ns, pose.person_id.tolist(), packed_poses(parts), pose_difference)
+            rates = rates.reshape(*parts.batch, 6)
+        if self._wanted(ids, *(f"{part}/pose_with_covariance" for part in PARTS)):
+            cov = covariance_of_parts(pose, parts)
+        t_ns = pose.t_ns
+        sure, moving = np.isfinite(cov).all(axis=(-1, -2)), np.isfinite(rates).all(axis=-1)
+        for n, p in np.argwhere(np.isfinite(parts.xyz).all(axis=-1)).tolist():
+            in_pose, in_cov, in_twist = (topics.body(ids[n], f"{PARTS[p]}/{what}") for what in topics.PART_TOPICS)
+            here = parts[n, p]
+            if self.outlet.wanted(in_pose):
+                self.outlet.publish(in_pose, pose_stamped(t_ns, WORLD, here), t_ns)
+            if sure[n, p] and self.outlet.wanted(in_cov):
+                self.outlet.publish(in_cov, pose_with_covariance(t_ns, WORLD, here, cov[n, p]), t_ns)
+            if moving[n, p] and self.outlet.wanted(in_twist):
+                self.outlet.publish(in_twist, twist_stamped(t_ns, WORLD, rates[n, p]), t_ns)
+
+    def _show_models(self, pose: Pose3D, ids: Sequence[str]) -> None:
+        """A model of a person is latched, so it is made whether or not there are subscribers now."""
+        lengths = sizes_from_points(pick_keypoints(pose.xyz_world, pose.skeleton, POINTS))
+        for one, new in zip(ids, lengths, strict=True):
+            if not np.isfinite(new).all():
+                continue
+            count, mean = self._sizes.get(one, (0, np.zeros(len(new))))
+            count = min(count + 1, _SIZE_MEMORY)
+            mean = mean + (new - mean) / count
+            self._sizes[one] = count, mean
+            if count < _SEEN_FOR_MODEL:
+                continue
+            before = self._models.get(one)
+            if before is None or np.abs(mean - before).max() > _MODEL_CHANGED_M:
+                self._models[one] = mean
+                text = message("std_msgs/msg/String", data=urdf_text(one, Sizes(*mean.tolist())))
+                self.outlet.publish(topics.body(one, "urdf"), text, pose.t_ns)
 
     def _show_view(self, one: str, pose: Pose3D, n: int, camera: Camera) -> None:
         xy, inside = keypoints_seen(pose, n, camera)
@@ -221,19 +277,14 @@ class RosOutput:
 @lru_cache(maxsize=256)
 def _frame_names(one: str, segments: tuple[str, ...]) -> tuple[tuple[str, ...], tuple[str, ...]]:
     """tf names of the links of a body, the root excepted, and of its segments."""
-    links = tuple(f"{name}_{one}" for name in LINKS if name != LINKS[_ROOT])
+    links = tuple(f"{name}_{one}" for name in LINKS if name != LINKS[_BODY])
     return links, tuple(f"segment_{ros_name(name)}_{one}" for name in segments)
-
-
-def _at(pose: Pose3D, t_ns: int) -> Pose3D:
-    return pose if t_ns == pose.t_ns else replace(pose, t_ns=t_ns)
 
 
 _LIMIT = '<limit lower="-6.2832" upper="6.2832" effort="10" velocity="50"/>'
 _RADIUS_M = 0.04
 # a model is published when a person was seen whole so often, and again when a length has changed
 _SEEN_FOR_MODEL, _MODEL_CHANGED_M, _SIZE_MEMORY = 30, 0.02, 300
-_BODY = LINKS.index("body")
 
 
 def _ends(*pairs: tuple[str, str]) -> Array:
@@ -335,88 +386,3 @@ def _link(name: str, body: str, length_m: float = 0.0) -> str:
     shape = f'<cylinder radius="{_RADIUS_M}" length="{length_m:.4f}"/>'
     middle = f'<origin xyz="0 0 {-length_m / 2:.4f}" rpy="0 0 0"/>'
     return f'<link name="{name}_{body}"><visual>{middle}<geometry>{shape}</geometry></visual></link>'
-
-
-@dataclass
-class PersonOutput:
-    """Publishes to an outlet, only what is wanted.
-
-    Attributes:
-        outlet: where to. world_frame: what all is expressed in.
-    """
-
-    outlet: Outlet
-    world_frame: str
-    _part_rates: Velocities = field(default_factory=Velocities)
-    _body_rates: Velocities = field(default_factory=Velocities)
-    _sizes: dict[str, tuple[int, Array]] = field(default_factory=dict)
-    _models: dict[str, Array] = field(default_factory=dict)
-
-    def forget(self, one: str) -> None:
-        """A body has left."""
-        self._sizes.pop(one, None)
-        self._models.pop(one, None)
-
-    def step(self, pose: Pose3D, bodies: Bodies, ids: Sequence[str]) -> None:
-        """One pose, its outgoing stamp, and the bodies derived from it."""
-        self._show_whereabouts(pose, bodies, ids)
-        if any(self._parts_wanted(ids, what) for what in topics.PART_TOPICS):
-            self._show_parts(pose, bodies, ids)
-
-    def _wanted(self, one: str, part: str) -> bool:
-        return self.outlet.wanted(topics.body(one, part))
-
-    def _parts_wanted(self, ids: Sequence[str], what: str) -> bool:
-        return any(self._wanted(one, f"{part}/{what}") for one in ids for part in PARTS)
-
-    def _show_whereabouts(self, pose: Pose3D, bodies: Bodies, ids: Sequence[str]) -> None:
-        if not any(self._wanted(one, what) for one in ids for what in ("position", "velocity")):
-            return
-        places = bodies.world_from_link[:, [_BODY]]
-        rates = np.full((len(ids), 6), np.nan)
-        if any(self._wanted(one, "velocity") for one in ids):
-            rates = self._body_rates.step(pose.t_ns, pose.person_id.tolist(), packed_poses(places), pose_difference)
-        for n, one in enumerate(ids):
-            if np.isfinite(places.xyz[n]).all() and self._wanted(one, "position"):
-                msg = point_stamped(pose.t_ns, self.world_frame, places.xyz[n, 0])
-                self.outlet.publish(topics.body(one, "position"), msg, pose.t_ns)
-            if np.isfinite(rates[n]).all() and self._wanted(one, "velocity"):
-                self.outlet.publish(topics.body(one, "velocity"), twist_stamped(pose.t_ns, self.world_frame, rates[n]), pose.t_ns)
-
-    def _show_parts(self, pose: Pose3D, bodies: Bodies, ids: Sequence[str]) -> None:
-        parts = parts_from_pose(pose, bodies)
-        rates, cov = np.full((*parts.batch, 6), np.nan), np.full((*parts.batch, 6, 6), np.nan)
-        if self._parts_wanted(ids, "twist"):
-            rates = self._part_rates.step(pose.t_ns, pose.person_id.tolist(), packed_poses(parts), pose_difference)
-            rates = rates.reshape(*parts.batch, 6)
-        if self._parts_wanted(ids, "pose_with_covariance"):
-            cov = covariance_of_parts(pose, parts)
-        frame, t_ns = self.world_frame, pose.t_ns
-        sure, moving = np.isfinite(cov).all(axis=(-1, -2)), np.isfinite(rates).all(axis=-1)
-        for n, p in np.argwhere(np.isfinite(parts.xyz).all(axis=-1)).tolist():
-            in_pose, in_cov, in_twist = (topics.body(ids[n], f"{PARTS[p]}/{what}") for what in topics.PART_TOPICS)
-            here = parts[n, p]
-            if self.outlet.wanted(in_pose):
-                self.outlet.publish(in_pose, pose_stamped(t_ns, frame, here), t_ns)
-            if sure[n, p] and self.outlet.wanted(in_cov):
-                self.outlet.publish(in_cov, pose_with_covariance(t_ns, frame, here, cov[n, p]), t_ns)
-            if moving[n, p] and self.outlet.wanted(in_twist):
-                self.outlet.publish(in_twist, twist_stamped(t_ns, frame, rates[n, p]), t_ns)
-
-    def show_models(self, pose: Pose3D, ids: Sequence[str]) -> None:
-        """A model of a person is latched, so it is made whether or not there are subscribers now."""
-        lengths = sizes_from_points(pick_keypoints(pose.xyz_world, pose.skeleton, POINTS))
-        for one, new in zip(ids, lengths, strict=True):
-            if not np.isfinite(new).all():
-                continue
-            count, mean = self._sizes.get(one, (0, np.zeros(len(new))))
-            count = min(count + 1, _SIZE_MEMORY)
-            mean = mean + (new - mean) / count
-            self._sizes[one] = count, mean
-            if count < _SEEN_FOR_MODEL:
-                continue
-            before = self._models.get(one)
-            if before is None or np.abs(mean - before).max() > _MODEL_CHANGED_M:
-                self._models[one] = mean
-                text = message("std_msgs/msg/String", data=urdf_text(one, Sizes(*mean.tolist())))
-                self.outlet.publish(topics.body(one, "urdf"), text, pose.t_ns)

@@ -22,17 +22,14 @@ _KEPT_NS = 1_000_000_000
 _KEPT = 256
 _POLL_S = 0.02
 _APART_NS = 2_000_000
+# how long a simulator may take to publish its time
+_WITHIN_S = 10.0
 
 
 class SimulatedClock:
-    """Pairs of simulated and real time as they are received; it reads no clock.
-
-    Attributes:
-        restarts: how often simulated time was set back.
-    """
+    """Pairs of simulated and real time as they are received; it reads no clock."""
 
     def __init__(self) -> None:
-        self.restarts = 0
         self._pairs: deque[tuple[int, int]] = deque(maxlen=_KEPT)
 
     def add(self, sim_ns: int, real_ns: int) -> None:
@@ -40,7 +37,6 @@ class SimulatedClock:
         newest = self._pairs[-1] if self._pairs else None
         if newest is not None and sim_ns <= newest[0]:
             # it stands still, or began again: earlier pairs do not predict later ones
-            self.restarts += sim_ns < newest[0]
             self._pairs.clear()
         elif newest is not None and real_ns - newest[1] < _APART_NS:
             return
@@ -93,7 +89,7 @@ class ClockReader:
             self._delays_ns.append(now_ns - sample.sent_ns)
             self.clock.add(sim_ns, sample.sent_ns + min(self._delays_ns))
 
-    def wait(self, timeout_s: float) -> None:
+    def wait(self, timeout_s: float = _WITHIN_S) -> None:
         """Wait for the first time; raises SourceError when none comes."""
         end_s = time.monotonic() + timeout_s
         while not self.clock.known:

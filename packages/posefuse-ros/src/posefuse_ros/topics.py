@@ -99,6 +99,8 @@ PART_TOPICS = {
     "pose_with_covariance": "geometry_msgs/msg/PoseWithCovarianceStamped",
     "twist": "geometry_msgs/msg/TwistStamped",
 }
+# those of all parts
+OF_PARTS = {f"{part}/{name}": type_name for part in PARTS for name, type_name in PART_TOPICS.items()}
 # what each body has a topic of
 BODY_PARTS = {
     "joint_states": "sensor_msgs/msg/JointState",
@@ -108,7 +110,7 @@ BODY_PARTS = {
     "position": "geometry_msgs/msg/PointStamped",
     "velocity": "geometry_msgs/msg/TwistStamped",
     "urdf": "std_msgs/msg/String",
-    **{f"{part}/{name}": type_name for part in PARTS for name, type_name in PART_TOPICS.items()},
+    **OF_PARTS,
 }
 
 

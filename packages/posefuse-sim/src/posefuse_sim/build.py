@@ -290,4 +290,4 @@ def build_person(body: SimulatedBody, motion: MotionSettings, seed: int) -> Movi
         return MovingPerson(body, standing_motion(body, motion, seed))
     if isinstance(motion, WalkSettings):
         return MovingPerson(body, walking(body, route(motion.path, motion.speed_mps, seed), motion.speed_mps).posture)
-    return MovingPerson(body, _READERS[motion.kind](body, motion).posture)
+    return MovingPerson(body, _READERS[motion.kind](body, motion))

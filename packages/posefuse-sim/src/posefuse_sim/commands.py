@@ -114,7 +114,7 @@ def fit_noise(card: Annotated[Path, Parameter(metavar="CARD.toml")], /, *, optio
     Args:
         card: Model card; see docs/networks.md.
     """
-    from posefuse_sim.fit_noise import fit_card
+    from posefuse_sim.fitting import fit_card
 
     with terminal.stages() as progress:
         made = fit_card(

@@ -1,4 +1,4 @@
-"""Fits to simulated people, for any detector: noise of keypoints, and offsets from them to joint centres.
+"""Fits to simulated people, for any detector: noise of keypoints, and offsets from them to joint centres (`fit-noise`).
 
 The people are known exactly. Their bodies, motions and cameras are drawn for fits alone; none of them appears in a reported
 measurement (bodies of random seeds 7000 to 7207). The noise model is of a user's network. Offsets are judged by bodies left out:
@@ -7,6 +7,7 @@ constants along directions of the body itself, and slopes on the segment lengths
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -18,20 +19,32 @@ from scipy.interpolate import PchipInterpolator
 from scipy.optimize import minimize
 from scipy.spatial.transform import Rotation
 
-from posefuse.core import Frame, JointCentres, PoseSequence, Region, Skeleton, Truth
+from posefuse.api.arguments import lines_of
+from posefuse.core import Frame, InputError, JointCentres, PoseSequence, Progress, Region, Skeleton, Truth
 from posefuse.core.arrays import Array
 from posefuse.core.joint_centres import SEGMENT_ENDS
 from posefuse.core.skeleton import SIDES, mirror_name, pick_keypoints
 from posefuse.detection import region_from_keypoints
-from posefuse.detection.networks import OneStageDetector, TopDownDetector
+from posefuse.detection.build import DetectorChoice
+from posefuse.detection.card import OnnxCard, read_card
+from posefuse.detection.networks import OneStageDetector, OnnxConfig, TopDownDetector
 from posefuse.detection.noise import FEATURES, NoiseModel, keypoint_noise_features
 from posefuse.evaluation.metrics import true_xyz_at
+from posefuse.formats.joint_centres import joint_centres_text
 from posefuse.formats.trc import TrcData, write_trc
 from posefuse.formats.truth import read_truth
+from posefuse.foundation.output_file import write_text
 from posefuse.foundation.settings import settings_from_mapping
+from posefuse.foundation.summary import Block, Facts, Heading
+from posefuse.pipeline.config import CameraInput, TrackConfig
+from posefuse.pipeline.session import find_session
+from posefuse.pipeline.track import track_session
 from posefuse.tracking import to_joint_centres
 from posefuse.tracking.body_directions import keypoint_of, segment_lengths
 from posefuse.tracking.joint_centres import MOST_LONGER_M, joint_directions
+
+from .scene import Scene
+from .session import simulate
 
 FLOORS = ("wood", "concrete", "tiles", "plain")
 DURATION_S, RATE_HZ = 8.0, 2.5
@@ -158,9 +171,6 @@ def is_rendered(folder: Path) -> bool:
 
 def _rendered(folder: Path, scene: dict[str, Any], say: Callable[[str], None]) -> Path:
     if not is_rendered(folder):
-        from .scene import Scene
-        from .session import simulate
-
         simulate(settings_from_mapping(scene, Scene, where=folder.name), folder, processes=1)
         say(f"{folder.name}: rendered")
     return folder
@@ -170,6 +180,8 @@ def _rendered(folder: Path, scene: dict[str, Any], say: Callable[[str], None]) -
 MOST_ERROR = 0.06
 # regions come from poses that are not exact: standard deviation of their place and size, shares of the side, and of their angle
 _MOVED, _GROWN, _TURNED_RAD = 0.02, 0.05, 0.06
+# of the scenes, each judged by a fit to the others
+_PARTS = 4
 _SYNONYMS = {"left_foot_index": "left_big_toe", "right_foot_index": "right_big_toe"}
 
 
@@ -234,13 +246,13 @@ def collect(folder: Path, detector: TopDownDetector | OneStageDetector, seed: in
     )
 
 
-def fit_noise(scenes: Sequence[NoiseSamples], made_by: str, parts: int = 4) -> NoiseFit:
-    """The model of greatest likelihood of all scenes, judged by fits that leave each `parts`-th of them out."""
+def fit_noise(scenes: Sequence[NoiseSamples], made_by: str) -> NoiseFit:
+    """The model of greatest likelihood of all scenes, judged by fits that leave each fourth of them out."""
     names = scenes[0].names
     ratios = []
-    for part in range(parts):
-        others = [one for i, one in enumerate(scenes) if i % parts != part]
-        mine = [one for i, one in enumerate(scenes) if i % parts == part]
+    for part in range(_PARTS):
+        others = [one for i, one in enumerate(scenes) if i % _PARTS != part]
+        mine = [one for i, one in enumerate(scenes) if i % _PARTS == part]
         if others and mine:
             ratios.append(_ratio(_stacked(mine), _model(_stacked(others), made_by)))
     everything = _stacked(scenes)
@@ -423,3 +435,98 @@ def _slopes(
     left = np.concatenate([missing - moved_by(a, metres) for a, missing in parts])
     slopes = huber_fit(np.concatenate(along), left, RIDGE).reshape(-1, len(SEGMENT_ENDS))
     return {name: dict(zip(SEGMENT_ENDS, row, strict=True)) for name, row in zip(names, slopes.tolist(), strict=True)}
+
+
+# scenes in which the person was tracked in fewer do not make a table of joint centres
+_LEAST_RUNS = 2
+
+
+@dataclass(frozen=True, kw_only=True)
+class FittedCard:
+    """What was fitted, and the files next to the card that hold it; no joint centres where too few scenes were tracked."""
+
+    noise_file: Path
+    joint_centres_file: Path | None
+    noise: NoiseFit
+
+    @property
+    def figures(self) -> dict[str, Any]:
+        """Plain values."""
+        return {
+            "noise": self.noise_file,
+            "joint_centres": self.joint_centres_file,
+            "crops": self.noise.samples,
+            "squared_error_over_variance": self.noise.ratio,
+            "by_keypoint": self.noise.ratio_of,
+        }
+
+    def summary(self) -> list[Block]:
+        """The noise, for people."""
+        ratio_of = self.noise.ratio_of
+        facts = {
+            "crops": self.noise.samples,
+            "squared error over variance": f"{self.noise.ratio:.2f} per axis; 1 is right",
+            "surest": min(ratio_of, key=lambda name: ratio_of[name]),
+            "least sure": max(ratio_of, key=lambda name: ratio_of[name]),
+        }
+        return [Heading("Noise of people left out of the fit"), Facts(facts)]
+
+
+def fit_card(card_file: Path, scenes_in: Path, *, scenes: int, moving: int, device: str, progress: Progress) -> FittedCard:
+    """Fit a card on simulated people and write the files next to it.
+
+    Args:
+        scenes_in: folder of the rendered scenes. scenes, moving: how many for the noise, and for the joint centres.
+        device: on which the network runs.
+
+    Raises:
+        PosefuseError: a card or network that is not right, or a network that finds no person.
+    """
+    note = lines_of(progress, "scenes")
+    card = read_card(card_file, OnnxCard)
+    detector = OnnxConfig(card=str(card_file), device=device).build()
+    everyday = render_everyday(scenes_in / "everyday", scenes, note)
+    samples = []
+    for i, folder in enumerate(everyday):
+        samples.append(collect(folder, detector, seed=i))
+        progress("noise", i + 1, len(everyday))
+    seen = [one for one in samples if len(one.error)]
+    if not seen:
+        raise InputError(f"{card_file}: the network finds no person in any of {len(samples)} scenes; is its card right?")
+    made_by = f"posefuse fit-noise: {len(seen)} rendered scenes, {sum(len(one.error) for one in seen)} crops"
+    noise = fit_noise(seen, made_by)
+    noise_file = card_file.with_suffix(".noise.toml")
+    write_text(noise_file, noise_text(noise.noise))
+    folders = [*everyday, *render_moving(scenes_in / "moving", moving, note)]
+    choice = DetectorChoice(name="onnx", options={"card": str(card_file.absolute()), "device": device})
+    centres_file = _joint_centres(card_file, choice, card, folders, progress)
+    return FittedCard(noise_file=noise_file, joint_centres_file=centres_file, noise=noise)
+
+
+def _joint_centres(
+    card_file: Path, choice: DetectorChoice, card: OnnxCard, folders: Sequence[Path], progress: Progress
+) -> Path | None:
+    runs: list[Run] = []
+    for i, folder in enumerate(folders):
+        try:
+            runs.append(_tracked(folder, choice))
+        except InputError as error:
+            warnings.warn(f"{folder.name}: left out ({error})", UserWarning, stacklevel=2)
+        progress("joint centres", i + 1, len(folders))
+    if len(runs) < _LEAST_RUNS:
+        line = f"joint centres: the person was tracked in {len(runs)} scenes; expected at least {_LEAST_RUNS}; not fitted"
+        warnings.warn(line, UserWarning, stacklevel=2)
+        return None
+    path = Path(card_file.with_suffix(".joint_centres.toml"))
+    write_text(path, joint_centres_text(fit_joint_centres(runs, f"{card.name}, fitted to {len(runs)} simulated bodies")))
+    return path
+
+
+def _tracked(folder: Path, choice: DetectorChoice) -> Run:
+    """What the pipeline makes of a scene, time step by time step and uncorrected, and the truth."""
+    truth = read_truth(folder / "truth" / "truth.npz")
+    inputs = {name: CameraInput(images=f"videos/{name}") for name in truth.rig.names}
+    rate_hz = 1e9 / float(truth.views[0].t_ns[1] - truth.views[0].t_ns[0])
+    config = TrackConfig(detector=choice, raw=True, joint_centres=False, rate_hz=rate_hz, cameras=inputs)
+    done = track_session(find_session(folder, config), config)
+    return done.recording.poses, truth

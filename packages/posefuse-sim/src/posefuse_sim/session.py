@@ -15,17 +15,16 @@ the same scene: runs of frames that are whole are not rendered again.
 
 from __future__ import annotations
 
+import dataclasses
 import shutil
 import warnings
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 
 from posefuse.core import InputError
 from posefuse.core.arrays import Array
-from posefuse.core.ideal_image import optics_of
-from posefuse.core.se3 import wxyz_from_matrix
 from posefuse.formats.image_folders import write_frame_times
 from posefuse.formats.npz import read_arrays, write_arrays
 from posefuse.formats.rig import write_rig
@@ -35,11 +34,11 @@ from posefuse.foundation.output_folder import check_replaceable, find_unfinished
 from posefuse.foundation.platform import usable_cores
 
 from .build import LiveScene, live_scene
-from .exact import flesh_of_points, prop_truth, seen_points, truth_with
+from .exact import flesh_of_points, prop_truth, truth_with
 from .render.model import render_model
-from .render.shot import moments_of
-from .render.stage import check_framebuffer, working_backend
-from .render.workers import FrameRun, RenderJob, RenderTask, image_name, render_all
+from .render.shot import exposed, moments_of
+from .render.stage import working_backend
+from .render.workers import FrameRun, RenderJob, image_name, render_all
 from .scene import SCENE_FILE, H264Settings, Scene, motion_files, scene_text, write_scene
 
 Progress = Callable[[int, int], None]
@@ -73,10 +72,7 @@ def simulate(
     if processes is not None and processes < 1:
         raise InputError(f"processes: expected at least 1, got {processes}")
     live = live_scene(scene)
-    optics = [optics_of(camera) for camera in live.rig]
-    backend = working_backend()
-    largest = np.max([(one.view.width, one.view.height) for one in optics], axis=0)
-    check_framebuffer(backend, int(largest.max()))
+    job = _job(live, working_backend())
     unfinished = _unfinished(out, scene)
     try:
         with output_folder(
@@ -90,7 +86,6 @@ def simulate(
         ) as made:
             paths = SessionPaths(made.folder)
             _begin(paths, scene)
-            job = _job(live, backend, (int(largest[0]), int(largest[1])))
             _render(live, job, paths, progress, processes or usable_cores())
             finish_session(live, paths)
     except OSError as error:
@@ -122,33 +117,15 @@ def estimated_session_bytes(live: LiveScene) -> int:
     return round(pixels * _JPEG_BYTES + depth)
 
 
-def body_poses(live: LiveScene, t_s: Array) -> Array:
-    """(T, M, 7) poses of everything that moves, in the renderer's order: bones of all people, from rest, then props."""
-    parts = []
-    for bones in live.bones(t_s):
-        parts.append(np.concatenate([bones[..., :3, 3], wxyz_from_matrix(bones[..., :3, :3])], axis=-1))
-    for pose in live.prop_poses(t_s):
-        parts.append(np.concatenate([pose.xyz, pose.wxyz], axis=-1)[:, None])
-    return np.concatenate(parts, axis=1) if parts else np.zeros((len(t_s), 0, 7))
-
-
 def _begin(paths: SessionPaths, scene: Scene) -> None:
     for folder in (paths.videos, paths.truth.parent, paths.parts):
         folder.mkdir(exist_ok=True)
     write_scene(scene, paths.folder)
 
 
-def _job(live: LiveScene, backend: str, largest_wh: tuple[int, int]) -> RenderJob:
-    return RenderJob(
-        model=render_model(live, largest_wh, backend),
-        backend=backend,
-        cameras=live.rig.cameras,
-        sensors=tuple(camera.sensor for camera in live.placed),
-        rates_hz=tuple(camera.sensor.rate_hz or live.scene.rate_hz for camera in live.placed),
-        flesh_m=flesh_of_points(live),
-        record=live.scene.record,
-        seed=live.scene.seed,
-    )
+def _job(live: LiveScene, backend: str) -> RenderJob:
+    model, still = render_model(live, live.rig, backend), dataclasses.replace(live, people=(), props=())
+    return RenderJob(model=model, backend=backend, live=still, flesh_m=flesh_of_points(live))
 
 
 def _render(live: LiveScene, job: RenderJob, paths: SessionPaths, progress: Progress, processes: int) -> None:
@@ -163,27 +140,10 @@ def _render(live: LiveScene, job: RenderJob, paths: SessionPaths, progress: Prog
     missing = [run for run in runs if not run.done.is_file()]
     done = total - sum(run.frames.stop - run.frames.start for run in missing)
     progress(done, total)
-    for frames in render_all(job, _tasks(live, paths, missing), min(processes, max(1, len(missing)))):
+    tasks = ((run, *exposed(live, run.camera, run.frames)) for run in missing)
+    for frames in render_all(job, tasks, min(processes, max(1, len(missing)))):
         done += frames
         progress(done, total)
-
-
-def _tasks(live: LiveScene, paths: SessionPaths, runs: list[FrameRun]) -> Iterator[RenderTask]:
-    for run in runs:
-        shots, camera = live.shots[run.camera], live.rig.cameras[run.camera]
-        t_s = shots.t_ns[run.frames] / 1e9
-        after_s = np.array([moment.after_s for moment in moments_of(live.placed[run.camera].sensor, camera.size_wh[1])])
-        poses = body_poses(live, (t_s[:, None] + after_s).ravel())
-        seen = seen_points(live, run.camera, run.frames)
-        yield RenderTask(
-            run=run,
-            seq=shots.seq[run.frames],
-            stamp_ns=shots.stamp_ns[run.frames],
-            poses=poses.reshape(len(t_s), len(after_s), *poses.shape[1:]),
-            xyz_world=seen.xyz_world,
-            possible=seen.possible,
-            depth=paths.depth(camera.name),
-        )
 
 
 class SessionPaths:
@@ -223,7 +183,8 @@ def runs_of(live: LiveScene, paths: SessionPaths) -> list[FrameRun]:
         for i, first in enumerate(range(0, len(shots), length)):
             name = f"{shots.camera}-{i:05d}"
             video = paths.parts / f"{name}.mp4" if isinstance(live.scene.record, H264Settings) else paths.videos / shots.camera
-            runs.append(FrameRun(c, slice(first, min(first + length, len(shots))), video, paths.parts / f"{name}.npz"))
+            frames, done = slice(first, min(first + length, len(shots))), paths.parts / f"{name}.npz"
+            runs.append(FrameRun(c, frames, video, paths.depth(shots.camera), done))
     return runs
 
 

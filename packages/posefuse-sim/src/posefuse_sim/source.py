@@ -13,25 +13,21 @@ from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 
-import numpy as np
-
 from posefuse.core import Camera, Frame, SourceError
 from posefuse.core.arrays import Array
 from posefuse.core.depth import DepthImage
 from posefuse.core.errors import choices
-from posefuse.core.ideal_image import optics_of
 from posefuse.formats.image_folders import DepthFolder
 from posefuse.formats.npz import read_arrays
 from posefuse.formats.truth import read_truth
 from posefuse.formats.video import read_video
 
 from .build import LiveScene, live_scene
-from .exact import flesh_of_points, seen_points
 from .render.model import render_model
-from .render.shot import CameraShooter, Shot
+from .render.shot import CameraShooter, shot_image
 from .render.stage import RenderStage, working_backend
 from .scene import read_scene
-from .session import SessionPaths, body_poses
+from .session import SessionPaths
 
 # numbers (F,), stamps (F,) in ns, and the image and depth of the frame at a place, asked for in order
 _Film = tuple[Array, Array, Callable[[int], tuple[Array, DepthImage | None]]]
@@ -101,9 +97,8 @@ class SimulatedSource:
 def _drawn(live: LiveScene, i: int) -> Iterator[_Film]:
     """Frames of camera number `i` drawn when asked for; OpenGL lives in the thread that asks."""
     camera, shots = live.rig.cameras[i], live.shots[i]
-    view = optics_of(camera).view
     backend = working_backend()
-    stage = RenderStage(render_model(live, (view.width, view.height), backend), backend)
+    stage = RenderStage(render_model(live, [camera], backend), backend)
     try:
         shooter = CameraShooter(camera, live.placed[i].sensor, stage)
 
@@ -129,12 +124,3 @@ def _played(paths: SessionPaths, camera: Camera, i: int) -> Iterator[_Film]:
         return image, depths.at(int(stamp_ns[k]), camera.size_wh) if depths else None
 
     yield shots[f"seq{i}"], stamp_ns, played
-
-
-def shot_image(live: LiveScene, camera_index: int, frame: int, shooter: CameraShooter) -> Shot:
-    """One frame of a scene; its points are those of `exact.SeenPoints`."""
-    t_s = live.shots[camera_index].t_ns[frame] / 1e9
-    poses = body_poses(live, t_s + np.array([moment.after_s for moment in shooter.moments]))
-    seen = seen_points(live, camera_index, slice(frame, frame + 1))
-    seed = [live.scene.seed, 41, camera_index, int(live.shots[camera_index].seq[frame])]
-    return shooter.shoot(poses, seen.xyz_world[0], seen.possible[0], flesh_of_points(live), seed)

@@ -17,9 +17,10 @@ from posefuse.core.arrays import Array
 from posefuse.formats.gltf import vertex_normals
 from posefuse_sim.body import SimulatedBody
 from posefuse_sim.body.body import GROUPS
+from posefuse_sim.build import MovingPerson
 from posefuse_sim.props import Prop
 
-from .collada import MOST_WEIGHTS, ColladaSkeleton, Mesh, Surface, joint_name
+from .collada import MOST_WEIGHTS, ColladaSkeleton, Mesh, in_parent, joint_name
 
 # bones that stay this close to their parent's motion are one with it
 _RIGID_M = 1e-7
@@ -72,28 +73,19 @@ def halfway(world_from_joint: Array, parent: Array) -> Array:
     return world
 
 
-def in_parent(world_from_joint: Array, parent: Array) -> Array:
-    """(T, J, 4, 4) poses in the parent joint; the root's in the world."""
-    local = world_from_joint.copy()
-    inner = np.flatnonzero(parent >= 0)
-    local[:, inner] = np.linalg.inv(world_from_joint[:, parent[inner]]) @ world_from_joint[:, inner]
-    return local
-
-
-def person_actor(
-    body: SimulatedBody, moved_at: Callable[[Array], Array], duration_s: float, rate_hz: float
-) -> tuple[Mesh, ColladaSkeleton]:
+def person_actor(person: MovingPerson, duration_s: float, rate_hz: float) -> tuple[Mesh, ColladaSkeleton]:
     """A person's skin and motion. Bones that never move in their parent become one with it: fewer joints, the same skin.
 
     Raises:
         ConfigError: see `baked`.
     """
-    moved = moved_at(np.linspace(0, duration_s, max(2, int(duration_s * rate_hz))))
+    body = person.body
+    moved = person.at(np.linspace(0, duration_s, max(2, int(duration_s * rate_hz)))).moved
     joint_of_bone, kept = _merged(moved, body.bone_parent)
     parent = np.array([-1 if body.bone_parent[b] < 0 else joint_of_bone[body.bone_parent[b]] for b in kept])
     rest = np.tile(np.eye(4), (len(kept), 1, 1))
     rest[:, :3, 3] = body.bone_head_rest[kept]
-    t_s, world_from_joint = baked(lambda t_s: moved_at(t_s)[:, kept] @ rest, parent, duration_s, rate_hz)
+    t_s, world_from_joint = baked(lambda t_s: person.at(t_s).moved[:, kept] @ rest, parent, duration_s, rate_hz)
     index, weight = _four_weights(joint_of_bone, len(kept), body)
     skeleton = ColladaSkeleton(
         names=tuple(joint_name(body.bone_names[b]) for b in kept),
@@ -107,11 +99,9 @@ def person_actor(
     return _reaching(_body_mesh(body), skeleton, world_from_joint)
 
 
-def prop_actor(
-    prop: Prop, texture: str, poses_at: Callable[[Array], Array], duration_s: float, rate_hz: float
-) -> tuple[Mesh, ColladaSkeleton]:
+def prop_actor(prop: Prop, poses_at: Callable[[Array], Array], duration_s: float, rate_hz: float) -> tuple[Mesh, ColladaSkeleton]:
     """A moving thing: a mesh on one joint; `poses_at` gives its world poses (T, 4, 4). Raises ConfigError, see `baked`."""
-    mesh = prop_mesh(prop, texture)
+    mesh = prop_mesh(prop)
     root = np.array([-1])
     t_s, world_from_joint = baked(lambda t_s: poses_at(t_s)[:, None], root, duration_s, rate_hz)
     # one joint holds every vertex
@@ -129,15 +119,14 @@ def prop_actor(
     return _reaching(mesh, skeleton, world_from_joint)
 
 
-def prop_mesh(prop: Prop, texture: str) -> Mesh:
-    """A prop's mesh with its image."""
+def prop_mesh(prop: Prop) -> Mesh:
+    """A prop's mesh with its image, which has its name."""
     normals = np.zeros_like(prop.vertices)
     corners = prop.vertices[prop.faces]
     # its vertices belong to one flat side each
     normals[prop.faces] = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])[:, None]
     normals = normals / np.linalg.norm(normals, axis=-1, keepdims=True)
-    parts = {"print": (Surface(texture=texture), prop.faces)}
-    return Mesh(vertices=prop.vertices, normals=normals, uv=prop.uv, parts=parts)
+    return Mesh(vertices=prop.vertices, normals=normals, uv=prop.uv, parts={"print": (f"{prop.name}.png", prop.faces)})
 
 
 def _reaching(mesh: Mesh, skeleton: ColladaSkeleton, world_from_joint: Array) -> tuple[Mesh, ColladaSkeleton]:
@@ -149,7 +138,7 @@ def _reaching(mesh: Mesh, skeleton: ColladaSkeleton, world_from_joint: Array) ->
     low, high = places.min(axis=0) - _AROUND_M, places.max(axis=0) + _AROUND_M
     corners = np.array([np.where(np.array(which) > 0, high, low) for which in np.ndindex(2, 2, 2)])
     specks = (corners[:, None] + _SPECK_M * np.eye(3)).reshape(-1, 3)
-    name, (surface, faces) = next(iter(mesh.parts.items()))
+    name, (look, faces) = next(iter(mesh.parts.items()))
     first = len(mesh.vertices)
     more = first + np.arange(len(specks)).reshape(-1, 3)
     held = np.zeros((len(specks), MOST_WEIGHTS))
@@ -158,7 +147,7 @@ def _reaching(mesh: Mesh, skeleton: ColladaSkeleton, world_from_joint: Array) ->
         vertices=np.concatenate([mesh.vertices, specks]),
         normals=np.concatenate([mesh.normals, np.tile(np.ones(3) / np.sqrt(3), (len(specks), 1))]),
         uv=np.concatenate([mesh.uv, np.zeros((len(specks), 2))]),
-        parts={**mesh.parts, name: (surface, np.concatenate([faces, more]))},
+        parts={**mesh.parts, name: (look, np.concatenate([faces, more]))},
     )
     index = np.concatenate([skeleton.index, np.zeros(held.shape, np.int64)])
     return larger, replace(skeleton, index=index, weight=np.concatenate([skeleton.weight, held]))
@@ -188,10 +177,7 @@ def _four_weights(joint_of_bone: Array, joints: int, body: SimulatedBody) -> tup
 
 def _body_mesh(body: SimulatedBody) -> Mesh:
     group = body.colour_group[body.faces[:, 0]]
-    parts = {
-        name: (Surface(colour=(float(r), float(g), float(b))), body.faces[group == i])
-        for i, (name, (r, g, b)) in enumerate(zip(GROUPS, body.colours, strict=True))
-    }
+    parts = {name: (tuple(body.colours[i].tolist()), body.faces[group == i]) for i, name in enumerate(GROUPS)}
     worn = {name: part for name, part in parts.items() if len(part[1])}
     uv = np.zeros((len(body.vertices_rest), 2))
     return Mesh(vertices=body.vertices_rest, normals=vertex_normals(body.vertices_rest, body.faces), uv=uv, parts=worn)

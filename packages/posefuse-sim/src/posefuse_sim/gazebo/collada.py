@@ -12,7 +12,7 @@ Written for the strictest reader at hand, Gazebo's:
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from xml.etree import ElementTree
@@ -28,16 +28,8 @@ _UP = "Z_UP"
 _COLOUR = "0 0 0 1"
 
 
-@dataclass(frozen=True, kw_only=True)
-class Surface:
-    """What a part of a mesh looks like, matt.
-
-    Attributes:
-        colour: red, green, blue in [0, 1]. texture: image file, relative to the .dae; it replaces the colour.
-    """
-
-    colour: tuple[float, float, float] = (1.0, 1.0, 1.0)
-    texture: str | None = None
+# what a part of a mesh looks like, matt: its image file, relative to the .dae, or red, green and blue in [0, 1]
+Look = str | tuple[float, ...]
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -52,7 +44,7 @@ class Mesh:
     vertices: Array
     normals: Array
     uv: Array
-    parts: Mapping[str, tuple[Surface, Array]]
+    parts: Mapping[str, tuple[Look, Array]]
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -80,10 +72,16 @@ def joint_name(name: str) -> str:
     return re.sub(r"\W", "_", name)
 
 
+def in_parent(world_from_joint: Array, parent: Array) -> Array:
+    """(T, J, 4, 4) poses in the parent joint; the root's in the world."""
+    local = world_from_joint.copy()
+    inner = np.flatnonzero(parent >= 0)
+    local[:, inner] = np.linalg.inv(world_from_joint[:, parent[inner]]) @ world_from_joint[:, inner]
+    return local
+
+
 def write_collada(path: Path, mesh: Mesh, skeleton: ColladaSkeleton | None = None) -> None:
-    """Write a mesh; raises InputError when the file cannot be written or joints have no usable names."""
-    if skeleton is not None:
-        _check_names(path, skeleton)
+    """Write a mesh; raises InputError when the file cannot be written."""
     root = ElementTree.Element("COLLADA", xmlns="http://www.collada.org/2005/11/COLLADASchema", version="1.4.1")
     asset = _add(root, "asset")
     _add(_add(asset, "contributor"), "authoring_tool", "posefuse")
@@ -106,36 +104,27 @@ def write_collada(path: Path, mesh: Mesh, skeleton: ColladaSkeleton | None = Non
         raise InputError(f"{path}: cannot be written ({error})") from None
 
 
-def _check_names(path: Path, skeleton: ColladaSkeleton) -> None:
-    wrong = [name for name in skeleton.names if joint_name(name) != name]
-    if wrong or len(set(skeleton.names)) != len(skeleton.names):
-        raise InputError(
-            f"{path}: joints: expected unique names of letters, digits and underscores, got {wrong[:3] or 'one twice'}"
-        )
-
-
 def _images_and_effects(root: ElementTree.Element, mesh: Mesh) -> None:
-    surfaces = {name: surface for name, (surface, _) in mesh.parts.items()}
-    textured = {name: surface for name, surface in surfaces.items() if surface.texture is not None}
-    if textured:
+    pictures = {name: look for name, (look, _) in mesh.parts.items() if isinstance(look, str)}
+    if pictures:
         images = _add(root, "library_images")
-        for name, surface in textured.items():
-            _add(_add(images, "image", id=f"{name}-image", name=f"{name}-image"), "init_from", surface.texture)
+        for name, file in pictures.items():
+            _add(_add(images, "image", id=f"{name}-image", name=f"{name}-image"), "init_from", file)
     materials, effects = _add(root, "library_materials"), _add(root, "library_effects")
-    for name, surface in surfaces.items():
+    for name, (look, _) in mesh.parts.items():
         _add(_add(materials, "material", id=f"{name}-material", name=name), "instance_effect", url=f"#{name}-effect")
         profile = _add(_add(effects, "effect", id=f"{name}-effect"), "profile_COMMON")
-        if surface.texture is not None:
+        if isinstance(look, str):
             kind = _add(_add(profile, "newparam", sid=f"{name}-surface"), "surface", type="2D")
             _add(kind, "init_from", f"{name}-image")
             _add(_add(_add(profile, "newparam", sid=f"{name}-sampler"), "sampler2D"), "source", f"{name}-surface")
         shading = _add(_add(profile, "technique", sid="common"), "lambert")
         _add(_add(shading, "emission"), "color", _COLOUR)
         diffuse = _add(shading, "diffuse")
-        if surface.texture is not None:
+        if isinstance(look, str):
             _add(diffuse, "texture", texture=f"{name}-sampler", texcoord="UV")
         else:
-            _add(diffuse, "color", f"{_numbers(np.array(surface.colour))} 1")
+            _add(diffuse, "color", f"{_numbers(np.array(look))} 1")
 
 
 def _geometry(root: ElementTree.Element, mesh: Mesh) -> None:
@@ -156,9 +145,7 @@ def _geometry(root: ElementTree.Element, mesh: Mesh) -> None:
 def _controller(root: ElementTree.Element, skeleton: ColladaSkeleton) -> None:
     skin = _add(_add(_add(root, "library_controllers"), "controller", id="skin", name="skin"), "skin", source="#mesh")
     _add(skin, "bind_shape_matrix", _numbers(np.eye(4)))
-    names = _add(skin, "source", id="skin-joints")
-    _add(names, "Name_array", " ".join(skeleton.names), id="skin-joints-array", count=str(len(skeleton.names)))
-    _accessor(names, "skin-joints-array", len(skeleton.names), [("JOINT", "name")])
+    _words(skin, "skin-joints", skeleton.names, "JOINT")
     _source(skin, "skin-bind", np.linalg.inv(skeleton.world_from_joint_rest).reshape(-1, 16), None)
     held = skeleton.weight > 0
     _source(skin, "skin-weights", skeleton.weight[held][:, None], ["WEIGHT"])
@@ -179,10 +166,7 @@ def _animations(root: ElementTree.Element, skeleton: ColladaSkeleton) -> None:
         moving = _add(library, "animation", id=f"{name}-motion", name=f"{name}-motion")
         _source(moving, f"{name}-times", skeleton.t_s[:, None], ["TIME"], digits=9)
         _source(moving, f"{name}-poses", skeleton.parent_from_joint[:, j].reshape(-1, 16), None)
-        ways = _add(moving, "source", id=f"{name}-ways")
-        count = len(skeleton.t_s)
-        _add(ways, "Name_array", " ".join(["LINEAR"] * count), id=f"{name}-ways-array", count=str(count))
-        _accessor(ways, f"{name}-ways-array", count, [("INTERPOLATION", "name")])
+        _words(moving, f"{name}-ways", ["LINEAR"] * len(skeleton.t_s), "INTERPOLATION")
         sampler = _add(moving, "sampler", id=f"{name}-sampled")
         for semantic, source in (("INPUT", "times"), ("OUTPUT", "poses"), ("INTERPOLATION", "ways")):
             _add(sampler, "input", semantic=semantic, source=f"#{name}-{source}")
@@ -192,8 +176,7 @@ def _animations(root: ElementTree.Element, skeleton: ColladaSkeleton) -> None:
 def _scene(root: ElementTree.Element, mesh: Mesh, skeleton: ColladaSkeleton | None) -> None:
     scene = _add(_add(root, "library_visual_scenes"), "visual_scene", id="scene", name="scene")
     if skeleton is not None:
-        for rest, node in zip(_rest_in_parent(skeleton), _joint_nodes(scene, skeleton), strict=True):
-            _add(node, "matrix", _numbers(rest), sid="transform")
+        _joints(scene, skeleton)
     shape = _add(scene, "node", id="shape", name="shape", type="NODE")
     kind, source = ("instance_controller", "#skin") if skeleton is not None else ("instance_geometry", "#mesh")
     instance = _add(shape, kind, url=source)
@@ -206,18 +189,13 @@ def _scene(root: ElementTree.Element, mesh: Mesh, skeleton: ColladaSkeleton | No
     _add(_add(root, "scene"), "instance_visual_scene", url="#scene")
 
 
-def _joint_nodes(scene: ElementTree.Element, skeleton: ColladaSkeleton) -> Iterator[ElementTree.Element]:
+def _joints(scene: ElementTree.Element, skeleton: ColladaSkeleton) -> None:
     nodes: list[ElementTree.Element] = []
-    for name, parent in zip(skeleton.names, skeleton.parent, strict=True):
+    rests = in_parent(skeleton.world_from_joint_rest[None], skeleton.parent)[0]
+    for name, parent, rest in zip(skeleton.names, skeleton.parent, rests, strict=True):
         over = scene if parent < 0 else nodes[parent]
         nodes.append(_add(over, "node", id=name, name=name, sid=name, type="JOINT"))
-        yield nodes[-1]
-
-
-def _rest_in_parent(skeleton: ColladaSkeleton) -> Array:
-    world = skeleton.world_from_joint_rest
-    over = np.where(skeleton.parent[:, None, None] < 0, np.eye(4), world[skeleton.parent])
-    return np.asarray(np.linalg.inv(over) @ world)
+        _add(nodes[-1], "matrix", _numbers(rest), sid="transform")
 
 
 def _source(parent: ElementTree.Element, name: str, values: Array, axes: list[str] | None, digits: int = 8) -> None:
@@ -226,6 +204,12 @@ def _source(parent: ElementTree.Element, name: str, values: Array, axes: list[st
     _add(source, "float_array", _numbers(values, digits), id=f"{name}-array", count=str(values.size))
     kinds = [("TRANSFORM", "float4x4")] if axes is None else [(axis, "float") for axis in axes]
     _accessor(source, f"{name}-array", len(values), kinds, values.shape[1])
+
+
+def _words(parent: ElementTree.Element, name: str, words: Sequence[str], axis: str) -> None:
+    source = _add(parent, "source", id=name)
+    _add(source, "Name_array", " ".join(words), id=f"{name}-array", count=str(len(words)))
+    _accessor(source, f"{name}-array", len(words), [(axis, "name")])
 
 
 def _accessor(source: ElementTree.Element, array: str, count: int, kinds: list[tuple[str, str]], stride: int = 1) -> None:

@@ -39,10 +39,9 @@ from posefuse_sim.scene import Scene, motion_files, write_scene
 
 from .animation import person_actor, prop_actor, prop_mesh
 from .collada import write_collada
-from .world import CameraSensor, Release, StillModel, release_named, room_parts, world_text
+from .world import MESHES, Release, image_topic, mesh_file, picture_file, release_named, room_parts, world_text
 
 _COMMAND = "simulate --gazebo"
-_MESHES = "meshes"
 _EXECUTABLE = 0o755
 # at least so many time steps per second of truth: linear interpolation between them is then within 0.1 mm for an acceleration of
 # 50 m/s^2
@@ -120,29 +119,13 @@ def export_world(
     drawn = [drawn_camera(camera) for camera in live.rig]
     with output_folder(out, command=_COMMAND, inputs=motion_files(scene), replace=replace_older) as made:
         folder = made.folder
-        (folder / _MESHES).mkdir()
+        (folder / MESHES).mkdir()
         actors, keys_hz = _actors(live, shown.rate_hz, folder)
-        topics = [ros_name(camera.name) for camera in live.rig]
-        sensors = [
-            CameraSensor(
-                camera=camera,
-                rate_hz=placed.sensor.rate_hz or shown.rate_hz,
-                noise_dn=placed.sensor.noise_dn,
-                image_topic=image_topic(topic),
-            )
-            for camera, placed, topic in zip(drawn, live.placed, topics, strict=True)
-        ]
-        text = world_text(
-            names,
-            live,
-            models=_still_models(live, folder),
-            actors=actors,
-            cameras=sensors,
-        )
-        _write(folder, WORLD_FILE, text)
-        _write(folder, BRIDGE_FILE, bridge_text(names, topics))
-        _write(folder, LAUNCH_FILE, launch_text(names))
-        (folder / LAUNCH_FILE).chmod(_EXECUTABLE)
+        models = _still_models(live, folder)
+        _write(folder, "world.sdf", world_text(names, live, models=models, actors=actors, cameras=drawn))
+        _write(folder, "bridge.yaml", bridge_text(names, live.rig.names))
+        _write(folder, "launch.sh", _LAUNCH.substitute(program=names.command.split()[0], command=names.command))
+        (folder / "launch.sh").chmod(_EXECUTABLE)
         write_scene(shown, folder)
         write_rig(folder / "rig.toml", live.rig)
         _write_truth(live, folder / "truth")
@@ -170,54 +153,41 @@ def _write_truth(live: LiveScene, folder: Path) -> None:
         write_arrays(folder / "props.npz", prop_truth(live, visible))
 
 
-def _actors(live: LiveScene, rate_hz: float, folder: Path) -> tuple[list[tuple[str, str]], tuple[float, ...]]:
-    """Everything that moves, written: name and file of each, and its keys per second."""
-    moving = [(f"person{i}", partial(person_actor, person.body), _bones(live, i)) for i, person in enumerate(live.people)]
+def _actors(live: LiveScene, rate_hz: float, folder: Path) -> tuple[list[str], tuple[float, ...]]:
+    """Everything that moves, written: the name of each, and its keys per second."""
+    moving = [(f"person{i}", partial(person_actor, person)) for i, person in enumerate(live.people)]
     for i, prop in enumerate(live.props):
         if not isinstance(prop.path, StillPath):
             _write_picture(folder, prop.name, prop.texture)
-            moving.append((prop.name, partial(prop_actor, prop, f"{prop.name}.png"), _prop_poses(live, i)))
+            moving.append((prop.name, partial(prop_actor, prop, _prop_poses(live, i))))
     keys_hz, duration_s = [], live.scene.duration_s
-    for name, actor, poses_at in moving:
-        mesh, skeleton = actor(poses_at, duration_s, rate_hz)
+    for name, actor in moving:
+        mesh, skeleton = actor(duration_s, rate_hz)
         keys_hz.append(len(skeleton.t_s) / duration_s)
-        write_collada(folder / _mesh_name(name), mesh, skeleton)
-    return [(name, _mesh_name(name)) for name, *_ in moving], tuple(keys_hz)
-
-
-def _bones(live: LiveScene, i: int) -> Callable[[Array], Array]:
-    alone = replace(live, people=(live.people[i],))
-    return lambda t_s: alone.bones(t_s)[0]
+        write_collada(folder / mesh_file(name), mesh, skeleton)
+    return [name for name, _ in moving], tuple(keys_hz)
 
 
 def _prop_poses(live: LiveScene, i: int) -> Callable[[Array], Array]:
     return lambda t_s: live.prop_poses(t_s)[i].matrix4()
 
 
-def _still_models(live: LiveScene, folder: Path) -> list[StillModel]:
-    """Floor, walls and the props that do not move, written."""
+def _still_models(live: LiveScene, folder: Path) -> list[tuple[str, SE3]]:
+    """Floor, walls and the props that do not move, written: name and pose of each."""
     room = room_parts(live.scene.room, live.room_size_m, live.scene.seed)
     parts = [(*part, SE3.identity()) for part in room]
     for i, prop in enumerate(live.props):
         if isinstance(prop.path, StillPath):
             pose: SE3 = live.prop_poses(np.zeros(1))[i][0]
-            parts.append((prop.name, prop.texture, prop_mesh(prop, f"{prop.name}.png"), pose))
-    models = []
-    for name, picture, mesh, pose in parts:
-        texture = _write_picture(folder, name, picture)
-        write_collada(folder / _mesh_name(name), mesh)
-        models.append(StillModel(name=name, mesh=_mesh_name(name), texture=texture, world_from_model=pose))
-    return models
+            parts.append((prop.name, prop.texture, prop_mesh(prop), pose))
+    for name, picture, mesh, _ in parts:
+        _write_picture(folder, name, picture)
+        write_collada(folder / mesh_file(name), mesh)
+    return [(name, pose) for name, _, _, pose in parts]
 
 
-def _mesh_name(name: str) -> str:
-    return f"{_MESHES}/{name}.dae"
-
-
-def _write_picture(folder: Path, name: str, picture: Array) -> str:
-    path = f"{_MESHES}/{name}.png"
-    (folder / path).write_bytes(png(picture))
-    return path
+def _write_picture(folder: Path, name: str, picture: Array) -> None:
+    (folder / picture_file(name)).write_bytes(png(picture))
 
 
 def shown_scene(scene: Scene) -> tuple[Scene, list[str]]:
@@ -252,7 +222,6 @@ def _set(sensor: SensorSettings, kept: SensorSettings) -> list[str]:
     return [name for name, value in vars(sensor).items() if name not in silent and value != getattr(kept, name)]
 
 
-WORLD_FILE, BRIDGE_FILE, LAUNCH_FILE = "world.sdf", "bridge.yaml", "launch.sh"
 _LAUNCH = Template("""\
 #!/bin/sh
 # Starts Gazebo with this world, and the bridge that brings its images and its clock to ROS 2. Ctrl-C ends both.
@@ -268,25 +237,20 @@ for program in ${program} ros2; do
   command -v "$$program" >/dev/null || { echo "$$program: not found; see docs/gazebo.md of posefuse" >&2; exit 1; }
 done
 # shellcheck disable=SC2086
-${command} -r $$shown ${world} &
+${command} -r $$shown world.sdf &
 simulator=$$!
 trap 'kill $$simulator 2>/dev/null' EXIT
 trap 'exit 130' INT TERM
-ros2 run ros_gz_bridge parameter_bridge --ros-args -p config_file:="$$PWD/${bridge}"
+ros2 run ros_gz_bridge parameter_bridge --ros-args -p config_file:="$$PWD/bridge.yaml"
 """)
 
 
-def image_topic(camera_topic: str) -> str:
-    """Topic of a camera's images; Gazebo puts CameraInfo next to it."""
-    return f"/{camera_topic}/image"
-
-
-def bridge_text(release: Release, camera_topics: Sequence[str]) -> str:
+def bridge_text(release: Release, cameras: Sequence[str]) -> str:
     """The configuration of `ros_gz_bridge`: clock, images and CameraInfo, from Gazebo to ROS only."""
     topics = [("/clock", "rosgraph_msgs/msg/Clock", "Clock")]
-    for name in camera_topics:
+    for name in cameras:
         topics += [(image_topic(name), "sensor_msgs/msg/Image", "Image")]
-        topics += [(f"/{name}/camera_info", "sensor_msgs/msg/CameraInfo", "CameraInfo")]
+        topics += [(f"/{ros_name(name)}/camera_info", "sensor_msgs/msg/CameraInfo", "CameraInfo")]
     entries: list[dict[str, Any]] = [
         {
             "ros_topic_name": topic,
@@ -298,9 +262,3 @@ def bridge_text(release: Release, camera_topics: Sequence[str]) -> str:
         for topic, ros_type, message in topics
     ]
     return yaml.safe_dump(entries, sort_keys=False)
-
-
-def launch_text(release: Release) -> str:
-    """A shell script; it is made executable."""
-    program = release.command.split()[0]
-    return _LAUNCH.substitute(program=program, command=release.command, world=WORLD_FILE, bridge=BRIDGE_FILE)

@@ -22,12 +22,14 @@ import numpy as np
 from posefuse.core import SE3, Camera, ConfigError
 from posefuse.core.arrays import Array
 from posefuse.core.errors import choices
+from posefuse.foundation.parsing import ros_name
 from posefuse_sim.build import LiveScene
+from posefuse_sim.cameras import SensorSettings
 from posefuse_sim.render import textures
 from posefuse_sim.render.model import AMBIENT, FILL, FILL_DIRECTIONS, LAMP, lamp_height_m
 from posefuse_sim.surroundings import Box, RoomSettings
 
-from .collada import Mesh, Surface
+from .collada import Mesh
 
 SDF_VERSION = "1.9"
 WORLD = "posefuse"
@@ -37,53 +39,47 @@ _STEP_S = 0.001
 _GREY_LEVELS = 255
 
 
-@dataclass(frozen=True, kw_only=True)
-class CameraSensor:
-    """One camera of the world.
-
-    Attributes:
-        camera: the ideal camera that is drawn. rate_hz: frames per second of simulation time. noise_dn: standard deviation
-            of its noise in grey levels. image_topic: where its images go; CameraInfo goes next to it, to ``camera_info``.
-    """
-
-    camera: Camera
-    rate_hz: float
-    noise_dn: float
-    image_topic: str
+MESHES = "meshes"
 
 
-@dataclass(frozen=True, kw_only=True)
-class StillModel:
-    """A textured mesh that does not move: its .dae and image, relative to the world file, and its pose."""
+def mesh_file(name: str) -> str:
+    """Where the mesh of a thing or a person lies, from the world file."""
+    return f"{MESHES}/{name}.dae"
 
-    name: str
-    mesh: str
-    texture: str
-    world_from_model: SE3
+
+def picture_file(name: str) -> str:
+    """Where the image on a thing lies, from the world file."""
+    return f"{MESHES}/{name}.png"
+
+
+def image_topic(camera: str) -> str:
+    """Topic of a camera's images; Gazebo puts CameraInfo next to it, on ``camera_info``."""
+    return f"/{ros_name(camera)}/image"
 
 
 def world_text(
     release: Release,
     live: LiveScene,
     *,
-    models: Sequence[StillModel],
-    actors: Sequence[tuple[str, str]],
-    cameras: Sequence[CameraSensor],
+    models: Sequence[tuple[str, SE3]],
+    actors: Sequence[str],
+    cameras: Sequence[Camera],
 ) -> str:
     """The world file.
 
     Args:
-        live: whose lights and boxes. actors: name and .dae of each, relative to the world file.
+        live: whose lights, boxes and sensors, each with a rate of its own. models: name and pose of what stands still.
+        actors: names of what moves. cameras: the ideal ones that are drawn, in the order of the rig.
     """
     children = [
         # nothing falls or collides: time passes as fast as images are drawn, at most as fast as the clock
         ("physics", {"@name": "steps", "@type": "ignored", "max_step_size": _numbers(_STEP_S), "real_time_factor": "1"}),
         *(("plugin", _plugin(release, *system)) for system in _SYSTEMS),
         *_lights(live.scene.room, lamp_height_m(live.scene.room, live.room_size_m)),
-        *(("model", _still(model)) for model in models),
+        *(("model", _still(name, pose)) for name, pose in models),
         *(("model", _box(f"occluder{i}", box)) for i, box in enumerate(live.boxes)),
-        *(("actor", _actor(name, mesh)) for name, mesh in actors),
-        *(("model", _camera(sensor)) for sensor in cameras),
+        *(("actor", _actor(name)) for name in actors),
+        *(("model", _camera(camera, placed.sensor)) for camera, placed in zip(cameras, live.placed, strict=True)),
     ]
     root = ElementTree.Element("sdf", version=SDF_VERSION)
     world = ElementTree.SubElement(root, "world", name=WORLD)
@@ -134,9 +130,9 @@ def _shine(level: float, shadows: str, direction: tuple[float, float, float]) ->
     return {"cast_shadows": shadows, "diffuse": _grey(level), "specular": _grey(0.0), "direction": _numbers(direction)}
 
 
-def _still(still: StillModel) -> Content:
-    matt = {"albedo_map": still.texture, "metalness": "0", "roughness": "1"}
-    return _shown(still.name, still.world_from_model, {"mesh": {"uri": still.mesh}}, _grey(1.0), {"pbr": {"metal": matt}})
+def _still(name: str, pose: SE3) -> Content:
+    matt = {"albedo_map": picture_file(name), "metalness": "0", "roughness": "1"}
+    return _shown(name, pose, {"mesh": {"uri": mesh_file(name)}}, _grey(1.0), {"pbr": {"metal": matt}})
 
 
 def _box(name: str, box: Box) -> Content:
@@ -153,14 +149,15 @@ def _static(name: str, pose: SE3, held: dict[str, Any]) -> Content:
     return {"@name": name, "static": "true", "pose": pose_text(pose), "link": {"@name": "link", **held}}
 
 
-def _actor(name: str, mesh: str) -> Content:
+def _actor(name: str) -> Content:
     # no <trajectory>: with one, Gazebo puts a curve of its own in the place of the root's motion
+    mesh = mesh_file(name)
     script = {"loop": "true", "delay_start": "0", "auto_start": "true"}
     return {"@name": name, "skin": {"filename": mesh}, "animation": {"@name": "motion", "filename": mesh}, "script": script}
 
 
-def _camera(sensor: CameraSensor) -> Content:
-    camera, (width, height) = sensor.camera, sensor.camera.size_wh
+def _camera(camera: Camera, sensor: SensorSettings) -> Content:
+    width, height = camera.size_wh
     fx, fy, cx, cy = camera.K[0, 0], camera.K[1, 1], camera.K[0, 2] + CENTRE_PX, camera.K[1, 2] + CENTRE_PX
     intrinsics = {name: _numbers(value) for name, value in zip(("fx", "fy", "cx", "cy", "s"), (fx, fy, cx, cy, 0.0), strict=True)}
     noise = {"type": "gaussian", "mean": "0", "stddev": _numbers(sensor.noise_dn / _GREY_LEVELS)}
@@ -171,7 +168,8 @@ def _camera(sensor: CameraSensor) -> Content:
         **({"noise": noise} if sensor.noise_dn else {}),
         "lens": {"intrinsics": intrinsics},
     }
-    times = {"topic": sensor.image_topic, "update_rate": _numbers(sensor.rate_hz), "always_on": "true"}
+    assert sensor.rate_hz is not None, "`shown_scene` sets it"
+    times = {"topic": image_topic(camera.name), "update_rate": _numbers(sensor.rate_hz), "always_on": "true"}
     described = {"@name": "camera", "@type": "camera", **times, "camera": optics}
     return _static(camera.name, world_from_link(camera), {"sensor": described})
 
@@ -204,24 +202,23 @@ class Release:
 
     Attributes:
         plugin: file name of a system plug-in, with ``{}`` for the system. system: class name, likewise.
-        message: type name of a message, likewise. command: that starts the simulator. ros: the ROS 2 release it is paired with.
+        message: type name of a message, likewise. command: that starts the simulator.
     """
 
     plugin: str
     system: str
     message: str
     command: str
-    ros: str
 
 
 _GZ = {"plugin": "gz-sim-{}-system", "system": "gz::sim::systems::{}", "message": "gz.msgs.{}", "command": "gz sim"}
 RELEASES = {
     "fortress": Release(
         plugin="ignition-gazebo-{}-system", system="ignition::gazebo::systems::{}", message="ignition.msgs.{}",
-        command="ign gazebo", ros="humble",
+        command="ign gazebo",
     ),
-    "harmonic": Release(**_GZ, ros="jazzy"),
-    "jetty": Release(**_GZ, ros="rolling"),
+    "harmonic": Release(**_GZ),
+    "jetty": Release(**_GZ),
 }  # fmt: skip
 
 
@@ -259,7 +256,7 @@ def _shown_on(name: str, vertices: Array, uv: Array, faces: Array) -> Mesh:
     """A flat mesh that shows an image."""
     normal = np.cross(vertices[1] - vertices[0], vertices[2] - vertices[0])
     normals = np.tile(normal / np.linalg.norm(normal), (len(vertices), 1))
-    return Mesh(vertices=vertices, normals=normals, uv=uv, parts={"picture": (Surface(texture=f"{name}.png"), faces)})
+    return Mesh(vertices=vertices, normals=normals, uv=uv, parts={"picture": (f"{name}.png", faces)})
 
 
 def _floor(size_m: tuple[float, float]) -> tuple[Array, Array, Array]:

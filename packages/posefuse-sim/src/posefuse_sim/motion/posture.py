@@ -13,6 +13,7 @@ from scipy.spatial.transform import Rotation
 
 from posefuse.core.arrays import Array
 from posefuse_sim.body import SEGMENTS, SimulatedBody, rotation_of
+from posefuse_sim.body.anatomy import SIDES
 
 # of a relaxed arm
 EASY_PRONATION_RAD = np.deg2rad(85.0)
@@ -43,12 +44,23 @@ def lengths_m(body: SimulatedBody, side: str, limb: str) -> tuple[float, float]:
     return float(np.linalg.norm(b - a)), float(np.linalg.norm(c - b))
 
 
-def bend_leg(hip: Array, ankle: Array, forward: Array, lengths: tuple[float, float]) -> tuple[Array, Array]:
-    """Axes (T, 3, 3) of thigh and shank that put the ankle where it is asked; the knee bends towards `forward`.
+def hip_offset(body: SimulatedBody, side: str) -> Array:
+    """(3,) hip centre in pelvis axes, from the middle of both hip centres."""
+    middle = (body.points_rest["left_hip"] + body.points_rest["right_hip"]) / 2
+    return np.asarray(_rest_axes(body, "pelvis").T @ (body.points_rest[f"{side}_hip"] - middle))
 
-    hip, ankle, forward: (T, 3). An ankle out of reach is met along the line to it.
+
+def leg_axes(
+    body: SimulatedBody, side: str, centre: Array, pelvis: Array, ankle: Array, foot: Array, *, ahead: Array | None = None
+) -> dict[str, Array]:
+    """Axes (T, 3, 3) of thigh, shank and foot that put the ankle (T, 3) where it is asked, from a pelvis at `centre` (T, 3).
+
+    An ankle out of reach is met along the line to it. The knee bends towards `ahead` (T, 3); None: where the foot points.
     """
-    return _bent(hip, ankle, forward, lengths, knee=True)
+    hip = centre + pelvis @ hip_offset(body, side)
+    knee_ahead = foot[..., 0] if ahead is None else ahead
+    thigh, shank = _bent(hip, ankle, knee_ahead, lengths_m(body, side, "leg"), knee=True)
+    return {f"{side}_thigh": thigh, f"{side}_shank": shank, f"{side}_foot": foot}
 
 
 def bend_arm(shoulder: Array, wrist: Array, elbow_side: Array, lengths: tuple[float, float]) -> tuple[Array, Array]:
@@ -117,7 +129,7 @@ def bones_of(body: SimulatedBody, posture: BodyPosture) -> Array:
     bones = {"root": turn["pelvis"]}
     bones |= {bone: slerp(turn["pelvis"], turn["thorax"], part) for bone, part in _SPINE.items()}
     bones |= {bone: slerp(turn["thorax"], turn["head"], part) for bone, part in _NECK.items()}
-    for i, (side, letter) in enumerate(_SIDES.items()):
+    for i, (side, letter) in enumerate(SIDES.items()):
         limb = {part: turn[f"{side}_{part}"] for part in ("upper_arm", "forearm", "hand", "thigh", "shank", "foot")}
         bones[f"clavicle.{letter}"] = _girdle(posture, turn["thorax"], side)
         bones[f"upperarm01.{letter}"] = limb["upper_arm"]
@@ -164,63 +176,49 @@ _SOFT_S = 0.12
 _TOUCHING_PERCENT = 10.0
 _BALL_ON_FLOOR_M = 0.045
 _TOES_UP_MOST_RAD = np.deg2rad(65.0)
-_SIDES = {"left": "L", "right": "R"}
 
 
-@dataclass(frozen=True, eq=False, kw_only=True)
-class Sampled:
-    """A recorded motion.
+def posture_between(t_s: Array, samples: BodyPosture, at_s: Array, loop: bool) -> BodyPosture:
+    """Postures at times (T,) between samples at times (n,): rotations along the shortest turn, the pelvis along a cubic spline.
 
-    Attributes:
-        t_s: (n,) increasing, n >= 2. centre_world: (n, 3). axes_world: segment -> (n, 3, 3). toes_up_rad: (n, 2).
-        start_s: its time shown at time 0. loop: start again after the end; otherwise the first and last pose stay.
+    Args:
+        t_s: increasing, n >= 2. at_s: since the first. loop: start again after the end; otherwise the first and last pose stay.
     """
-
-    t_s: Array
-    centre_world: Array
-    axes_world: Mapping[str, Array]
-    toes_up_rad: Array
-    start_s: float
-    loop: bool
-
-    def posture(self, t_s: Array) -> BodyPosture:
-        """Postures at times (T,): rotations along the shortest turn, the pelvis along a cubic spline."""
-        first, last = self.t_s[0], self.t_s[-1]
-        at = t_s + self.start_s + first
-        at = first + np.mod(at - first, last - first) if self.loop else np.clip(at, first, last)
-        i = np.clip(np.searchsorted(self.t_s, at, side="right") - 1, 0, len(self.t_s) - 2)
-        part = ((at - self.t_s[i]) / (self.t_s[i + 1] - self.t_s[i]))[:, None]
-        axes = {}
-        for name, turns in self.axes_world.items():
-            step = Rotation.from_matrix(np.swapaxes(turns[i], -1, -2) @ turns[i + 1]).as_rotvec()
-            axes[name] = turns[i] @ Rotation.from_rotvec(part * step).as_matrix()
-        toes = self.toes_up_rad[i] + part * (self.toes_up_rad[i + 1] - self.toes_up_rad[i])
-        return BodyPosture(CubicSpline(self.t_s, self.centre_world)(at), axes, toes)
+    first, last = t_s[0], t_s[-1]
+    at = at_s + first
+    at = first + np.mod(at - first, last - first) if loop else np.clip(at, first, last)
+    i = np.clip(np.searchsorted(t_s, at, side="right") - 1, 0, len(t_s) - 2)
+    part = ((at - t_s[i]) / (t_s[i + 1] - t_s[i]))[:, None]
+    axes = {}
+    for name, turns in samples.axes_world.items():
+        step = Rotation.from_matrix(np.swapaxes(turns[i], -1, -2) @ turns[i + 1]).as_rotvec()
+        axes[name] = turns[i] @ Rotation.from_rotvec(part * step).as_matrix()
+    toes = samples.toes_up_rad[i] + part * (samples.toes_up_rad[i + 1] - samples.toes_up_rad[i])
+    return BodyPosture(CubicSpline(t_s, samples.centre_world)(at), axes, toes)
 
 
-def on_floor(body: SimulatedBody, motion: Sampled, floor_known: bool) -> Sampled:
-    """The motion raised smoothly wherever a foot would be below the floor, with toes that lie flat under a raised heel.
+def on_floor(body: SimulatedBody, t_s: Array, motion: BodyPosture, floor_known: bool) -> BodyPosture:
+    """The motion at times (n,) raised smoothly wherever a foot would be below the floor, toes flat under a raised heel.
 
     Without a known floor the whole motion is first shifted so that the lowest feet, most of the time, just touch it.
     """
     low, balls = _foot_heights_m(body, motion)
     shift = 0.0 if floor_known else -float(np.percentile(low.min(axis=1), _TOUCHING_PERCENT))
-    step_s = float(np.median(np.diff(motion.t_s)))
+    step_s = float(np.median(np.diff(t_s)))
     reach = max(1, round(_SOFT_S / step_s))
     need = maximum_filter1d(np.maximum(-(low.min(axis=1) + shift), 0.0), 4 * reach + 1, mode="nearest")
     rise = gaussian_filter1d(need, reach / 2, mode="nearest", truncate=4.0) + shift
     near = np.clip(1 - (balls + rise[:, None] - _BALL_ON_FLOOR_M) / _BALL_ON_FLOOR_M, 0.0, 1.0)
-    pitch = np.stack([np.arcsin(np.clip(motion.axes_world[f"{side}_foot"][:, 2, 0], -1, 1)) for side in _SIDES], axis=-1)
+    pitch = np.stack([np.arcsin(np.clip(motion.axes_world[f"{side}_foot"][:, 2, 0], -1, 1)) for side in SIDES], axis=-1)
     toes = near * np.clip(-pitch, 0.0, _TOES_UP_MOST_RAD)
     return replace(motion, centre_world=motion.centre_world + np.outer(rise, [0.0, 0.0, 1.0]), toes_up_rad=toes)
 
 
-def _foot_heights_m(body: SimulatedBody, motion: Sampled) -> tuple[Array, Array]:
+def _foot_heights_m(body: SimulatedBody, motion: BodyPosture) -> tuple[Array, Array]:
     """Heights (n, 2), left and right, of the lowest point of the foot without its toes, and of the toe joints."""
-    bones = bones_of(body, BodyPosture(motion.centre_world, motion.axes_world, motion.toes_up_rad))
-    pose = body.segments(bones)
+    pose = body.segments(bones_of(body, motion))
     lowest, balls = [], []
-    for side, letter in _SIDES.items():
+    for side, letter in SIDES.items():
         place = SEGMENTS.index(f"{side}_foot")
         ball = np.mean([body.bone_centre[body.bone(f"toe{i}-1.{letter}")] for i in (1, 2)], axis=0)
         points = np.vstack([_sole_points(body, letter), ball])

@@ -16,6 +16,7 @@ The path of the pelvis is scaled by the ratio of the leg lengths (points: about 
 from __future__ import annotations
 
 import re
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -33,12 +34,13 @@ from posefuse_sim.body.anatomy import turn
 from .bvh import read_bvh
 from .posture import (
     EASY_PRONATION_RAD,
-    Sampled,
+    BodyPosture,
     arm_axes,
     frame_along,
     lengths_m,
     normal_part,
     on_floor,
+    posture_between,
     unit_vectors,
 )
 from .settings import RecordedSettings
@@ -58,9 +60,11 @@ _CHILD = {"thigh": "shank", "shank": "foot", "upper_arm": "forearm", "forearm": 
 # a rest foot that points further down than this does not determine the forward direction
 _FLAT_FOOT = 0.3
 Points = dict[str, Array]
+# times (T,) since the start -> postures
+Motion = Callable[[Array], BodyPosture]
 
 
-def retargeted(body: SimulatedBody, settings: RecordedSettings) -> Sampled:
+def retargeted(body: SimulatedBody, settings: RecordedSettings) -> Motion:
     """A BVH file as a motion of this body; raises InputError naming the file and the joints that are missing."""
     data = read_bvh(Path(settings.file))
     if len(data) < 2:
@@ -79,14 +83,15 @@ def retargeted(body: SimulatedBody, settings: RecordedSettings) -> Sampled:
     theirs = sum(np.linalg.norm(data.offset[joints[f"{s}_{p}"]]) for s in ("left", "right") for p in ("shank", "foot")) / 2
     path = position[:, legs].mean(axis=1) @ world_from_file.T * (sum(lengths_m(body, "left", "leg")) / theirs)
     path[:, :2] += np.array(settings.position_m or (0.0, 0.0)) - path[0, :2]
-    times = np.arange(len(data)) * data.frame_s
-    return on_floor(body, _sampled(times, path, axes, settings), floor_known=False)
+    return _played(body, np.arange(len(data)) * data.frame_s, path, axes, settings, floor_known=False)
 
 
-def _sampled(t_s: Array, centre_world: Array, axes: Points, settings: RecordedSettings) -> Sampled:
-    flat = np.zeros((len(t_s), 2))
-    start_s, loop = settings.start_s, settings.loop
-    return Sampled(t_s=t_s, centre_world=centre_world, axes_world=axes, toes_up_rad=flat, start_s=start_s, loop=loop)
+def _played(
+    body: SimulatedBody, t_s: Array, centre: Array, axes: Points, settings: RecordedSettings, *, floor_known: bool
+) -> Motion:
+    """The motion through poses at times (n,): the pelvis's path (n, 3), and axes (n, 3, 3) of the segments."""
+    samples = on_floor(body, t_s, BodyPosture(centre, axes, np.zeros((len(t_s), 2))), floor_known)
+    return lambda at_s: posture_between(t_s, samples, at_s + settings.start_s, settings.loop)
 
 
 def _plain_joint(name: str) -> str:
@@ -197,14 +202,14 @@ _SYNONYMS = {"toe": "bigtoe", "footindex": "bigtoe"}
 _BENT = (0.1, 0.35)
 
 
-def from_trc(body: SimulatedBody, settings: RecordedSettings) -> Sampled:
+def from_trc(body: SimulatedBody, settings: RecordedSettings) -> Motion:
     """A TRC file as a motion of this body; raises InputError naming the file and the markers that are missing."""
     data = read_trc(Path(settings.file))
     xyz = data.xyz_world if settings.up == "y" else data.xyz_world[..., [1, 2, 0]]
     return motion_from_points(body, data.t_s, _named(data.names, xyz, settings.file), settings)
 
 
-def from_result(body: SimulatedBody, settings: RecordedSettings) -> Sampled:
+def from_result(body: SimulatedBody, settings: RecordedSettings) -> Motion:
     """A posefuse result folder as a motion of this body; raises InputError for a person or keypoints it does not have."""
     poses = read_recording(Path(settings.file)).poses
     seen = np.isfinite(poses.xyz_world[..., 0]).sum(axis=(0, 2))
@@ -217,7 +222,7 @@ def from_result(body: SimulatedBody, settings: RecordedSettings) -> Sampled:
     return motion_from_points(body, (poses.t_ns - poses.t_ns[0]) * 1e-9, points, settings)
 
 
-def motion_from_points(body: SimulatedBody, t_s: Array, points: Points, settings: RecordedSettings) -> Sampled:
+def motion_from_points(body: SimulatedBody, t_s: Array, points: Points, settings: RecordedSettings) -> Motion:
     """The motion of this body that follows keypoints, each (T, 3) in world metres."""
     if len(t_s) < 2:
         raise InputError(f"{settings.file}: expected at least 2 time steps, got {len(t_s)}")
@@ -226,7 +231,7 @@ def motion_from_points(body: SimulatedBody, t_s: Array, points: Points, settings
     path = _middle(points, "left_hip", "right_hip") * (sum(lengths_m(body, "left", "leg")) / (2 * theirs))
     start = path[0, :2] * (2 * theirs) / sum(lengths_m(body, "left", "leg"))
     path[:, :2] += (start if settings.position_m is None else np.array(settings.position_m)) - path[0, :2]
-    return on_floor(body, _sampled(t_s - t_s[0], path, axes, settings), floor_known=True)
+    return _played(body, t_s - t_s[0], path, axes, settings, floor_known=True)
 
 
 _LEG = (("hip", "knee"), ("knee", "ankle"))

@@ -62,9 +62,9 @@ def route(path: WalkPath, speed_mps: float, seed: int) -> Route:
         case CirclePath():
             return _circle(path, speed_mps)
         case LinePath():
-            return _line(path)
+            return _straight(path)
         case BackForthPath():
-            return _sideways(path) if path.facing == "sideways" else _turning(path)
+            return _straight(path) if path.facing == "sideways" else _turning(path)
         case RandomPath():
             return _random(path, np.random.default_rng(seed))
 
@@ -98,20 +98,24 @@ def _ends(path: LinePath | BackForthPath) -> tuple[Array, Array, float]:
     return start, (end - start) / length, length
 
 
-def _line(path: LinePath) -> Route:
+def _straight(path: LinePath | BackForthPath) -> Route:
+    """To the end of a line; of a path there and back again by side-steps, to the left of the way there."""
     start, ahead, length = _ends(path)
-    far = length + 2 * _ROUNDING_M
+    far, back = length + 2 * _ROUNDING_M, isinstance(path, BackForthPath)
     angle = float(np.arctan2(ahead[1], ahead[0]))
 
     def place(u: Array) -> Array:
-        return np.asarray(start + _line_progress(np.clip(u, 0.0, far), far, length)[:, None] * ahead)
+        lap = np.mod(u, 2 * far)
+        there = np.minimum(lap, 2 * far - lap) if back else np.clip(u, 0.0, far)
+        return np.asarray(start + _line_progress(there, far, length)[:, None] * ahead)
 
     return Route(
         place=place,
         heading=lambda u: np.full_like(u, angle),
         curvature=np.zeros_like,
-        length_m=far,
-        loops=False,
+        length_m=2 * far if back else far,
+        loops=back,
+        facing_rad=angle + np.pi / 2 if back else None,
         ends_m=(0.0, far),
     )
 
@@ -123,26 +127,6 @@ def _eased(u: Array) -> Array:
 
 def _line_progress(u: Array, far: float, length: float) -> Array:
     return np.where(u < far / 2, _eased(u), length - _eased(far - u))
-
-
-def _sideways(path: BackForthPath) -> Route:
-    start, ahead, length = _ends(path)
-    half = length + 2 * _ROUNDING_M
-    angle = float(np.arctan2(ahead[1], ahead[0]))
-
-    def place(u: Array) -> Array:
-        lap = np.mod(u, 2 * half)
-        there = np.minimum(lap, 2 * half - lap)
-        return np.asarray(start + _line_progress(there, half, length)[:, None] * ahead)
-
-    return Route(
-        place=place,
-        heading=lambda u: np.full_like(u, angle),
-        curvature=np.zeros_like,
-        length_m=2 * half,
-        facing_rad=angle + np.pi / 2,
-        ends_m=(0.0, half),
-    )
 
 
 def _turning(path: BackForthPath) -> Route:

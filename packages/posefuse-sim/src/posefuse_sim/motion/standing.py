@@ -10,7 +10,7 @@ import numpy as np
 from posefuse.core import ConfigError
 from posefuse.core.arrays import Array
 from posefuse.core.skeleton import ANATOMICAL23, SIDES
-from posefuse_sim.body import SEGMENTS, SimulatedBody, rotation_of
+from posefuse_sim.body import SimulatedBody, rotation_of
 from posefuse_sim.body.anatomy import turn
 
 from .posture import (
@@ -18,8 +18,8 @@ from .posture import (
     BodyPosture,
     arm_axes,
     bend_arm,
-    bend_leg,
     bones_of,
+    leg_axes,
     lengths_m,
     unit_vectors,
 )
@@ -50,26 +50,11 @@ _USUAL_PERIOD_S = {"reach": 3.0, "squat": 4.0, "wave": 0.9, "overhead": 3.0, "si
 Stance = tuple[Array, dict[str, Array]]
 
 
-@dataclass(frozen=True, eq=False)
-class Wander:
-    """A sum of sines of random rates and phases with unit variance.
-
-    Attributes:
-        rate_hz, phase_rad: (_PARTIALS,).
-    """
-
-    rate_hz: Array
-    phase_rad: Array
-
-    @staticmethod
-    def drawn(rng: np.random.Generator, slowest_hz: float, fastest_hz: float) -> Wander:
-        """Rates spread evenly in logarithm between the two."""
-        edges = np.linspace(np.log(slowest_hz), np.log(fastest_hz), _PARTIALS + 1)
-        return Wander(np.exp(rng.uniform(edges[:-1], edges[1:])), rng.uniform(0, 2 * np.pi, _PARTIALS))
-
-    def at(self, t_s: Array) -> Array:
-        """Value (T,) at each time."""
-        return np.asarray(np.sin(2 * np.pi * t_s[:, None] * self.rate_hz + self.phase_rad).sum(axis=1) / np.sqrt(_PARTIALS / 2))
+def wander(rng: np.random.Generator, slowest_hz: float, fastest_hz: float) -> Callable[[Array], Array]:
+    """A sum of sines of random phases with unit variance, of times (T,); rates spread evenly in logarithm between the two."""
+    edges = np.linspace(np.log(slowest_hz), np.log(fastest_hz), _PARTIALS + 1)
+    rate_hz, phase_rad = np.exp(rng.uniform(edges[:-1], edges[1:])), rng.uniform(0, 2 * np.pi, _PARTIALS)
+    return lambda t_s: np.asarray(np.sin(2 * np.pi * t_s[:, None] * rate_hz + phase_rad).sum(axis=1) / np.sqrt(_PARTIALS / 2))
 
 
 def minimum_jerk(x: Array) -> Array:
@@ -89,17 +74,33 @@ def leaned(axes: Array, forward_rad: Array, right_rad: Array | float = 0.0, left
     return axes @ rotation_of("trunk", angles)
 
 
-@dataclass(frozen=True, eq=False)
-class Footing:
-    """Two feet planted side by side.
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Stander:
+    """A body that stands on two feet, planted side by side, and what it does there.
 
     Attributes:
-        body: whose. heading_rad: where the person faces. place: (2,) floor point between the feet.
+        ease: its small movements.
     """
 
     body: SimulatedBody
-    heading_rad: float
-    place: Array
+    settings: StandSettings
+    ease: Ease
+    seed: int
+
+    @property
+    def period_s(self) -> float:
+        """Of one repetition."""
+        return self.settings.period_s or _USUAL_PERIOD_S[self.settings.kind]
+
+    @property
+    def heading_rad(self) -> float:
+        """Where the person faces."""
+        return float(np.deg2rad(self.settings.heading_deg))
+
+    @property
+    def ground(self) -> Array:
+        """(3,) the floor point between the feet."""
+        return np.array([*self.settings.position_m, 0.0])
 
     def base(self) -> Array:
         """(3, 3) level axes of the person."""
@@ -110,7 +111,8 @@ class Footing:
         points, base = self.body.points_rest, self.base()
         half = abs(points["left_hip"][1]) * 1.05
         return {
-            side: np.array([*self.place, points[f"{side}_ankle"][2]]) + base[:, 2] * (half if side == "right" else -half)
+            side: np.array([*self.settings.position_m, points[f"{side}_ankle"][2]])
+            + base[:, 2] * (half if side == "right" else -half)
             for side in SIDES
         }
 
@@ -129,11 +131,9 @@ class Footing:
         """Axes of thighs, shanks and feet, each (T, 3, 3), for a pelvis at centre (T, 3) with axes (T, 3, 3)."""
         axes: dict[str, Array] = {}
         for side in SIDES:
-            hip = centre + pelvis @ hip_offset(self.body, side)
             foot = np.broadcast_to(self.feet()[side], pelvis.shape)
             ankle = np.broadcast_to(self.ankles()[side], centre.shape)
-            thigh, shank = bend_leg(hip, ankle, foot[..., 0], lengths_m(self.body, side, "leg"))
-            axes |= {f"{side}_thigh": thigh, f"{side}_shank": shank, f"{side}_foot": foot}
+            axes |= leg_axes(self.body, side, centre, pelvis, ankle, foot)
         return axes
 
     def bent(self, knee: Array, shin: Array) -> tuple[Array, Array, Array]:
@@ -146,16 +146,9 @@ class Footing:
         back = thigh * np.sin(knee - shin) - shank * np.sin(shin)
         height = shank * np.cos(shin) + thigh * np.cos(knee - shin) + self.body.points_rest["left_ankle"][2]
         base = np.broadcast_to(self.base(), (len(knee), 3, 3))
-        centre = np.array([*self.place, 0.0]) - base[..., 0] * back[:, None]
+        centre = self.ground - base[..., 0] * back[:, None]
         centre[:, 2] = np.minimum(height, self.hip_height_m())
         return base, centre, back
-
-
-def hip_offset(body: SimulatedBody, side: str) -> Array:
-    """(3,) hip centre in pelvis axes, from the middle of both hip centres."""
-    pelvis = body.segment_axes[SEGMENTS.index("pelvis")]
-    middle = (body.points_rest["left_hip"] + body.points_rest["right_hip"]) / 2
-    return np.asarray(pelvis.T @ (body.points_rest[f"{side}_hip"] - middle))
 
 
 def easy_arm(
@@ -167,13 +160,13 @@ def easy_arm(
     return arm_axes(body, side, thorax @ rotation_of(f"{side}_hip", angles), elbow, EASY_PRONATION_RAD)
 
 
-def straight_up(footing: Footing, count: int) -> tuple[Array, dict[str, Array]]:
-    """Pelvis centre (T, 3) and the axes of a person standing upright, arms at ease."""
-    centre = np.tile([*footing.place, footing.hip_height_m()], (count, 1))
-    level = np.broadcast_to(footing.base(), (count, 3, 3))
-    axes = {"pelvis": level, "thorax": level, "head": level} | footing.legs(centre, level)
+def straight_up(stander: Stander, count: int) -> Stance:
+    """A person standing upright, arms at ease, at `count` times."""
+    centre = np.tile([*stander.settings.position_m, stander.hip_height_m()], (count, 1))
+    level = np.broadcast_to(stander.base(), (count, 3, 3))
+    axes = {"pelvis": level, "thorax": level, "head": level} | stander.legs(centre, level)
     for side in SIDES:
-        axes |= easy_arm(footing.body, side, level)
+        axes |= easy_arm(stander.body, side, level)
     return centre, axes
 
 
@@ -182,41 +175,25 @@ class Ease:
 
     def __init__(self, rng: np.random.Generator, size: float) -> None:
         self._size = size
-        self._forward, self._aside, self._lean = (Wander.drawn(rng, 0.05, 0.8) for _ in range(3))
-        self._gaze, self._nod = Wander.drawn(rng, 0.03, 0.25), Wander.drawn(rng, 0.03, 0.2)
-        self._arms = [Wander.drawn(rng, 0.05, 0.5) for _ in SIDES]
+        self._forward, self._aside, self._lean = (wander(rng, 0.05, 0.8) for _ in range(3))
+        self._gaze, self._nod = wander(rng, 0.03, 0.25), wander(rng, 0.03, 0.2)
+        self._arms = [wander(rng, 0.05, 0.5) for _ in SIDES]
 
-    def applied(self, footing: Footing, t_s: Array) -> tuple[Array, dict[str, Array]]:
-        """Pelvis centre (T, 3) and all axes."""
-        base = np.broadcast_to(footing.base(), (len(t_s), 3, 3))
+    def applied(self, stander: Stander, t_s: Array) -> Stance:
+        """Where they bring a person who stands upright."""
+        base = np.broadcast_to(stander.base(), (len(t_s), 3, 3))
         size = self._size
-        ahead, aside = size * _SWAY_FORWARD_M * self._forward.at(t_s), size * _SWAY_ASIDE_M * self._aside.at(t_s)
-        centre = np.tile([*footing.place, footing.hip_height_m() - 0.004], (len(t_s), 1))
+        ahead, aside = size * _SWAY_FORWARD_M * self._forward(t_s), size * _SWAY_ASIDE_M * self._aside(t_s)
+        centre = np.tile([*stander.settings.position_m, stander.hip_height_m() - 0.004], (len(t_s), 1))
         centre += base[..., 0] * ahead[:, None] + base[..., 2] * aside[:, None]
-        pelvis = leaned(base, 0.01 * size * self._lean.at(t_s), aside * 0.8)
+        pelvis = leaned(base, 0.01 * size * self._lean(t_s), aside * 0.8)
         breath = size * 0.012 * np.sin(2 * np.pi * _BREATHS_HZ * t_s)
-        thorax = leaned(base, 0.012 * size * self._lean.at(t_s) - breath, -aside)
-        head = leaned(base, 0.05 * size * self._nod.at(t_s), 0.0, 0.22 * size * self._gaze.at(t_s))
-        axes = {"pelvis": pelvis, "thorax": thorax, "head": head} | footing.legs(centre, pelvis)
-        for side, wander in zip(SIDES, self._arms, strict=True):
-            axes |= easy_arm(footing.body, side, thorax, 0.03 * size * wander.at(t_s))
+        thorax = leaned(base, 0.012 * size * self._lean(t_s) - breath, -aside)
+        head = leaned(base, 0.05 * size * self._nod(t_s), 0.0, 0.22 * size * self._gaze(t_s))
+        axes = {"pelvis": pelvis, "thorax": thorax, "head": head} | stander.legs(centre, pelvis)
+        for side, swing in zip(SIDES, self._arms, strict=True):
+            axes |= easy_arm(stander.body, side, thorax, 0.03 * size * swing(t_s))
         return centre, axes
-
-
-@dataclass(frozen=True, eq=False, kw_only=True)
-class Stander:
-    """A body that stands, and what it does there."""
-
-    body: SimulatedBody
-    settings: StandSettings
-    footing: Footing
-    ease: Ease
-    seed: int
-
-    @property
-    def period_s(self) -> float:
-        """Of one repetition."""
-        return self.settings.period_s or _USUAL_PERIOD_S[self.settings.kind]
 
 
 def standing_motion(body: SimulatedBody, settings: StandSettings, seed: int) -> Callable[[Array], BodyPosture]:
@@ -225,9 +202,8 @@ def standing_motion(body: SimulatedBody, settings: StandSettings, seed: int) -> 
     Raises:
         ConfigError: a path whose times do not increase, or that is out of the reach of the arm.
     """
-    footing = Footing(body, np.deg2rad(settings.heading_deg), np.array(settings.position_m))
     ease = Ease(np.random.default_rng(seed), settings.sway)
-    stander = Stander(body=body, settings=settings, footing=footing, ease=ease, seed=seed)
+    stander = Stander(body=body, settings=settings, ease=ease, seed=seed)
     stance = _STANCES[settings.kind]
 
     def posture(t_s: Array) -> BodyPosture:
@@ -244,7 +220,7 @@ def _standing_posture(centre: Array, axes: dict[str, Array]) -> BodyPosture:
 
 def _tpose(stander: Stander, t_s: Array) -> Stance:
     """Arms exactly horizontal and straight, palms down."""
-    centre, axes = straight_up(stander.footing, len(t_s))
+    centre, axes = straight_up(stander, len(t_s))
     for side in SIDES:
         axes |= _horizontal_arm(axes["thorax"], side)
     return centre, axes
@@ -259,7 +235,7 @@ def _horizontal_arm(thorax: Array, side: str) -> dict[str, Array]:
 
 def _idle(stander: Stander, t_s: Array) -> Stance:
     """Sway of a few millimetres, breathing, slow glances."""
-    return stander.ease.applied(stander.footing, t_s)
+    return stander.ease.applied(stander, t_s)
 
 
 def _wave(stander: Stander, t_s: Array) -> Stance:
@@ -281,10 +257,10 @@ def _squat(stander: Stander, t_s: Array) -> Stance:
     down = 0.5 - 0.5 * np.cos(2 * np.pi * t_s / stander.period_s)
     knee = _EASY_KNEE_RAD + (deepest - _EASY_KNEE_RAD) * down
     shin = 0.28 * knee + _EASY_KNEE_RAD / 4 * (1 - down)
-    base, centre, back = stander.footing.bent(knee, shin)
+    base, centre, back = stander.bent(knee, shin)
     lean = np.arcsin(np.clip((back + 0.03 * down) / 0.42, -1, 0.85))
     pelvis, thorax = leaned(base, 0.6 * lean), leaned(base, lean)
-    axes = {"pelvis": pelvis, "thorax": thorax, "head": leaned(base, 0.35 * lean)} | stander.footing.legs(centre, pelvis)
+    axes = {"pelvis": pelvis, "thorax": thorax, "head": leaned(base, 0.35 * lean)} | stander.legs(centre, pelvis)
     for side in SIDES:
         axes |= easy_arm(stander.body, side, thorax, lean * 0.9 + np.deg2rad(60) * down, _EASY_ELBOW_RAD * (1 - 0.5 * down))
     return centre, axes
@@ -293,7 +269,7 @@ def _squat(stander: Stander, t_s: Array) -> Stance:
 def _overhead(stander: Stander, t_s: Array) -> Stance:
     """Both arms forward and up above the head, and down again."""
     up = 0.5 - 0.5 * np.cos(2 * np.pi * t_s / stander.period_s)
-    centre, axes = straight_up(stander.footing, len(t_s))
+    centre, axes = straight_up(stander, len(t_s))
     for side in SIDES:
         axes |= easy_arm(stander.body, side, axes["thorax"], _RAISED_RAD * up, np.deg2rad(16.0) + np.deg2rad(14.0) * up)
     return centre, axes
@@ -304,9 +280,9 @@ def _sit(stander: Stander, t_s: Array) -> Stance:
     part = np.mod(t_s / stander.period_s, 1.0)
     down = minimum_jerk((part - _DOWN_AT) / (_SEATED_AT - _DOWN_AT)) - minimum_jerk((part - _UP_AT) / (1.0 - _UP_AT))
     lean = _MOST_LEAN_RAD * np.sin(np.pi * down) + np.deg2rad(4.0) * down
-    base, centre, _ = stander.footing.bent(_SEATED_KNEE_RAD * down, _SEATED_SHANK_RAD * down)
+    base, centre, _ = stander.bent(_SEATED_KNEE_RAD * down, _SEATED_SHANK_RAD * down)
     pelvis, thorax = leaned(base, 0.6 * lean), leaned(base, lean)
-    axes = {"pelvis": pelvis, "thorax": thorax, "head": leaned(base, 0.3 * lean)} | stander.footing.legs(centre, pelvis)
+    axes = {"pelvis": pelvis, "thorax": thorax, "head": leaned(base, 0.3 * lean)} | stander.legs(centre, pelvis)
     for side in SIDES:
         elbow = np.deg2rad(16.0) + np.deg2rad(50.0) * down
         axes |= easy_arm(stander.body, side, thorax, lean + np.deg2rad(25) * down, elbow)
@@ -315,24 +291,20 @@ def _sit(stander: Stander, t_s: Array) -> Stance:
 
 def _turn(stander: Stander, t_s: Array) -> Stance:
     """Turns to the left on the spot, one foot after the other."""
-    body, footing = stander.body, stander.footing
-    ankles, feet = footing.ankles(), footing.feet()
-    ground = np.array([*stander.settings.position_m, 0.0])
+    body, ground = stander.body, stander.ground
+    ankles, feet = stander.ankles(), stander.feet()
     steps = _STEPS_PER_TURN * t_s / stander.period_s
     whole, part = np.floor(steps), steps - np.floor(steps)
     swing = {"left": np.clip(2 * part, 0, 1), "right": np.clip(2 * part - 1, 0, 1)}
     angle = {side: 2 * np.pi / _STEPS_PER_TURN * (whole + minimum_jerk(one)) for side, one in swing.items()}
-    base = level_axes(footing.heading_rad + (angle["left"] + angle["right"]) / 2)
-    centre = np.tile(ground + [0, 0, footing.hip_height_m() - _BENT_M], (len(t_s), 1))
+    base = level_axes(stander.heading_rad + (angle["left"] + angle["right"]) / 2)
+    centre = np.tile(ground + [0, 0, stander.hip_height_m() - _BENT_M], (len(t_s), 1))
     axes = {"pelvis": base, "thorax": base, "head": base}
     for side in SIDES:
         turned = turn("z", angle[side])
         ankle = ground + turned @ (ankles[side] - ground)
         ankle[:, 2] += _LIFT_M * np.sin(np.pi * swing[side]) ** 2
-        foot = turned @ feet[side]
-        hip = centre + base @ hip_offset(body, side)
-        thigh, shank = bend_leg(hip, ankle, foot[..., 0], lengths_m(body, side, "leg"))
-        axes |= {f"{side}_thigh": thigh, f"{side}_shank": shank, f"{side}_foot": foot} | easy_arm(body, side, base)
+        axes |= leg_axes(body, side, centre, base, ankle, turned @ feet[side]) | easy_arm(body, side, base)
     return centre, axes
 
 
@@ -360,9 +332,9 @@ def _hand_path(stander: Stander, t_s: Array) -> Stance:
 
 def _path(stander: Stander) -> tuple[Array, Array]:
     """Times (N,) of the rows of a hand's path, and their places (N, 3) in the world."""
-    rows, base = np.array(stander.settings.path, np.float64), stander.footing.base()
+    rows, base = np.array(stander.settings.path, np.float64), stander.base()
     # X ahead, Y up, Z right -> ahead, left, up
-    return rows[:, 0], np.array([*stander.footing.place, 0.0]) + rows[:, 1:] @ np.stack([base[:, 0], -base[:, 2], base[:, 1]])
+    return rows[:, 0], stander.ground + rows[:, 1:] @ np.stack([base[:, 0], -base[:, 2], base[:, 1]])
 
 
 def waypoint_path(t_s: Array, places: Array, at_s: Array) -> Array:

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from typing import Any
 
 import numpy as np
 
+from posefuse.core import Camera
 from posefuse.core.arrays import Array
+from posefuse.core.ideal_image import optics_of
 from posefuse.core.se3 import quaternion_product, wxyz_from_rotvec
 from posefuse_sim.body import SimulatedBody
 from posefuse_sim.body.body import GROUPS
@@ -15,7 +18,7 @@ from posefuse_sim.props import Prop
 from posefuse_sim.surroundings import RoomSettings
 
 from . import textures
-from .stage import mujoco_with
+from .stage import check_framebuffer, mujoco_with
 
 _WALL_THICK_M = 0.05
 _SHADOW_PX = 2048
@@ -30,15 +33,19 @@ _LEAST_WEIGHT = 1e-4
 _CLOTH_PER_M = 2.5
 
 
-def render_model(live: LiveScene, largest_wh: tuple[int, int], backend: str) -> Any:
+def render_model(live: LiveScene, cameras: Iterable[Camera], backend: str) -> Any:
     """The MuJoCo model of a scene: moving bodies are the bones of all people, then the props.
 
     Args:
-        largest_wh: of the largest ideal image that any camera needs. backend: how this process would draw.
+        cameras: those whose images are to be drawn. backend: how this process would draw.
 
     Raises:
-        DependencyError: the extra ``sim`` is missing.
+        DependencyError: the extra ``sim`` is missing. InputError: an image is larger than the driver draws.
+        ConfigError: a lens sees further aside than an ideal image can show.
     """
+    views = [optics_of(camera).view for camera in cameras]
+    largest_wh = max(view.width for view in views), max(view.height for view in views)
+    check_framebuffer(backend, max(largest_wh))
     scene, room, seed = _Builder(mujoco_with(backend)), live.scene.room, live.scene.seed
     scene.look(room, live.room_size_m, largest_wh)
     scene.picture("cloth", textures.cloth_picture(np.random.default_rng([seed, 31])), specular=0.05, shininess=0.1)

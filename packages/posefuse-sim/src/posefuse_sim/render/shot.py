@@ -12,7 +12,10 @@ from posefuse.core import Camera
 from posefuse.core.arrays import Array
 from posefuse.core.depth import MM_PER_M, DepthImage, DepthNoise
 from posefuse.core.ideal_image import IdealOptics, SourceView, optics_of
+from posefuse.core.se3 import wxyz_from_matrix
+from posefuse_sim.build import LiveScene
 from posefuse_sim.cameras import DepthSettings, SensorSettings
+from posefuse_sim.exact import SeenPoints, flesh_of_points, seen_points
 
 from .stage import RenderStage
 
@@ -50,6 +53,36 @@ class Shot:
     image: Array
     visible: Array
     depth: DepthImage | None
+
+
+def body_poses(live: LiveScene, t_s: Array) -> Array:
+    """(T, M, 7) poses of everything that moves, in the renderer's order: bones of all people, from rest, then props."""
+    parts = []
+    for bones in live.bones(t_s):
+        parts.append(np.concatenate([bones[..., :3, 3], wxyz_from_matrix(bones[..., :3, :3])], axis=-1))
+    for pose in live.prop_poses(t_s):
+        parts.append(np.concatenate([pose.xyz, pose.wxyz], axis=-1)[:, None])
+    return np.concatenate(parts, axis=1) if parts else np.zeros((len(t_s), 0, 7))
+
+
+def exposed(live: LiveScene, camera_index: int, frames: slice) -> tuple[Array, SeenPoints]:
+    """Poses (F, moments, M, 7) of everything that moves while these frames are exposed, and the points that are looked for."""
+    moments = moments_of(live.placed[camera_index].sensor, live.rig.cameras[camera_index].size_wh[1])
+    t_s = live.shots[camera_index].t_ns[frames, None] / 1e9 + np.array([moment.after_s for moment in moments])
+    poses = body_poses(live, t_s.ravel())
+    return poses.reshape(*t_s.shape, *poses.shape[1:]), seen_points(live, camera_index, frames)
+
+
+def noise_seed(live: LiveScene, camera_index: int, frame: int) -> list[int]:
+    """The numbers that the noise of a frame is drawn from."""
+    return [live.scene.seed, 41, camera_index, int(live.shots[camera_index].seq[frame])]
+
+
+def shot_image(live: LiveScene, camera_index: int, frame: int, shooter: CameraShooter) -> Shot:
+    """One frame of a scene; its points are those of `exact.SeenPoints`."""
+    poses, seen = exposed(live, camera_index, slice(frame, frame + 1))
+    seed = noise_seed(live, camera_index, frame)
+    return shooter.shoot(poses[0], seen.xyz_world[0], seen.possible[0], flesh_of_points(live), seed)
 
 
 def moments_of(sensor: SensorSettings, height: int) -> tuple[ExposureMoment, ...]:

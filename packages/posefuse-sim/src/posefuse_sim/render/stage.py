@@ -203,11 +203,8 @@ def _draw_once(backend: str) -> None:
     """Draw, say so, and print the largest side of an image: that last only where the driver reports it."""
     with gl_environment(backend):
         mujoco = importlib.import_module("mujoco")
-    context = gl_context(backend, 16, 16)
-    model = mujoco.MjModel.from_xml_string("<mujoco><worldbody><geom size='1'/></worldbody></mujoco>")
-    drawing = mujoco.MjrContext(model, mujoco.mjtFontScale.mjFONTSCALE_100.value)
+    stage = RenderStage(mujoco.MjModel.from_xml_string("<mujoco><worldbody><geom size='1'/></worldbody></mujoco>"), backend)
     print(_DRAWN, flush=True)
     gl = importlib.import_module("OpenGL.GL")
     print(int(gl.glGetIntegerv(gl.GL_MAX_RENDERBUFFER_SIZE)))
-    drawing.free()
-    context.free()
+    stage.close()

@@ -16,16 +16,17 @@ from typing import Any
 import cv2
 import numpy as np
 
-from posefuse.core import Camera, InputError, PosefuseError
+from posefuse.core import InputError, PosefuseError
 from posefuse.core.arrays import Array
 from posefuse.formats.image_folders import write_depth
 from posefuse.formats.npz import write_arrays
 from posefuse.formats.video import VideoWriter
 from posefuse.foundation.requests_to_end import children_ignore_requests, leave_requests_to_parent
-from posefuse_sim.cameras import SensorSettings
-from posefuse_sim.scene import H264Settings, JpegSettings
+from posefuse_sim.build import LiveScene
+from posefuse_sim.exact import SeenPoints
+from posefuse_sim.scene import H264Settings
 
-from .shot import CameraShooter
+from .shot import CameraShooter, noise_seed
 from .stage import RenderStage
 
 # tasks waiting per process: enough that none runs dry, few enough that memory stays bounded
@@ -37,18 +38,14 @@ class RenderJob:
     """What every process needs to know.
 
     Attributes:
-        model: MuJoCo's. cameras, sensors, rates_hz: one per camera, in the order of the rig.
-        flesh_m: (Q,), see `surroundings`. record: how frames are stored. seed: of the sensor noise.
+        model: MuJoCo's. live: cameras, their shots and settings; without people and props, which do not travel.
+        flesh_m: (Q,), see `surroundings`.
     """
 
     model: Any
     backend: str
-    cameras: tuple[Camera, ...]
-    sensors: tuple[SensorSettings, ...]
-    rates_hz: tuple[float, ...]
+    live: LiveScene
     flesh_m: Array
-    record: H264Settings | JpegSettings
-    seed: int
 
 
 @dataclass(frozen=True)
@@ -56,35 +53,19 @@ class FrameRun:
     """Frames `frames` of camera number `camera`.
 
     Attributes:
-        video: the .mp4 part, or the folder of images. done: the .npz written last, with what was visible.
+        video: the .mp4 part, or the folder of images. depth: the folder of depth images.
+        done: the .npz written last, with what was visible.
     """
 
     camera: int
     frames: slice
     video: Path
+    depth: Path
     done: Path
 
 
-@dataclass(frozen=True, eq=False, kw_only=True)
-class RenderTask:
-    """A run of F frames of one camera.
-
-    Attributes:
-        run: which, and where they are stored. seq: (F,) numbers of the frames. stamp_ns: (F,) times to write.
-        poses: (F, moments, M, 7). xyz_world: (F, Q, 3). possible: (F, Q). depth: the folder for depth images.
-    """
-
-    run: FrameRun
-    seq: Array
-    stamp_ns: Array
-    poses: Array
-    xyz_world: Array
-    possible: Array
-    depth: Path
-
-
-def render_all(job: RenderJob, tasks: Iterable[RenderTask], processes: int) -> Iterator[int]:
-    """Work through the tasks, which are made one by one as they are needed; yields the number of frames of each done one.
+def render_all(job: RenderJob, tasks: Iterable[tuple[FrameRun, Array, SeenPoints]], processes: int) -> Iterator[int]:
+    """Work through runs and what they expose (`shot.exposed`), made one by one as they are needed; yields frames of each done.
 
     An error in a process, or closing the iterator (Ctrl-C), stops all processes; finished tasks stay on disk.
     """
@@ -95,7 +76,7 @@ def render_all(job: RenderJob, tasks: Iterable[RenderTask], processes: int) -> I
     try:
         for task in tasks:
             with children_ignore_requests():
-                waiting.add(pool.submit(_render, task))
+                waiting.add(pool.submit(_render, *task))
             if len(waiting) >= processes * _AHEAD:
                 done, waiting = wait(waiting, return_when=FIRST_COMPLETED)
                 yield from (future.result() for future in done)
@@ -121,7 +102,8 @@ class _Worker:
 
     def shooter(self, camera: int) -> CameraShooter:
         if camera not in self._shooters:
-            self._shooters[camera] = CameraShooter(self.job.cameras[camera], self.job.sensors[camera], self._stage)
+            live = self.job.live
+            self._shooters[camera] = CameraShooter(live.rig.cameras[camera], live.placed[camera].sensor, self._stage)
         return self._shooters[camera]
 
 
@@ -135,29 +117,30 @@ def _start(job: RenderJob, stop: Event) -> None:
     _worker = _Worker(job, stop)
 
 
-def _render(task: RenderTask) -> int:
+def _render(run: FrameRun, poses: Array, seen: SeenPoints) -> int:
     assert _worker is not None
-    job, run = _worker.job, task.run
-    shooter = _worker.shooter(run.camera)
-    visible = np.zeros(task.possible.shape, bool)
+    live, shooter = _worker.job.live, _worker.shooter(run.camera)
+    record, stamp_ns = live.scene.record, live.shots[run.camera].stamp_ns[run.frames].tolist()
+    visible = np.zeros(seen.possible.shape, bool)
     with ExitStack() as stack:
-        if isinstance(job.record, H264Settings):
-            video = VideoWriter(run.video, job.cameras[run.camera].size_wh, job.rates_hz[run.camera], job.record.crf)
+        if isinstance(record, H264Settings):
+            rate_hz = live.placed[run.camera].sensor.rate_hz or live.scene.rate_hz
+            video = VideoWriter(run.video, live.rig.cameras[run.camera].size_wh, rate_hz, record.crf)
             write = stack.enter_context(video).write
         else:
-            write = partial(_write_image, run.video, job.record.quality)
-        for i, seq in enumerate(task.seq):
+            write = partial(_write_image, run.video, record.quality)
+        for i, t_ns in enumerate(stamp_ns):
             if _worker.stop.is_set():
                 return 0
-            seed = [job.seed, 41, run.camera, int(seq)]
-            shot = shooter.shoot(task.poses[i], task.xyz_world[i], task.possible[i], job.flesh_m, seed)
+            seed = noise_seed(live, run.camera, run.frames.start + i)
+            shot = shooter.shoot(poses[i], seen.xyz_world[i], seen.possible[i], _worker.job.flesh_m, seed)
             visible[i] = shot.visible
-            write(shot.image, int(task.stamp_ns[i]))
+            write(shot.image, t_ns)
             if shot.depth is not None:
-                write_depth(task.depth, int(task.stamp_ns[i]), shot.depth)
+                write_depth(run.depth, t_ns, shot.depth)
     # written last, and whole or not at all: where it is, the video part is complete
     write_arrays(run.done, {"visible": visible})
-    return len(task.seq)
+    return len(stamp_ns)
 
 
 def _write_image(folder: Path, quality: int, image: Array, t_ns: int) -> None:
