@@ -7,7 +7,7 @@ from types import MappingProxyType
 
 import numpy as np
 
-from .arrays import Array, check_fields, freeze_fields, taken
+from .arrays import Array, frozen_fields, taken
 from .errors import InputError, ShapeError, choices
 from .se3 import SE3
 from .skeleton import SIDES
@@ -29,8 +29,7 @@ class AngleSeries:
     sigma_rad: Array
 
     def __post_init__(self) -> None:
-        freeze_fields(self, dict.fromkeys(("t_s", "rad", "sigma_rad"), np.float64))
-        check_fields(self, dict.fromkeys(("t_s", "rad", "sigma_rad"), "T"))
+        frozen_fields(self, dict.fromkeys(("t_s", "rad", "sigma_rad"), "T"))
 
     @property
     def deg(self) -> Array:
@@ -76,8 +75,7 @@ class JointAngles:
     sigma_rad: Array
 
     def __post_init__(self) -> None:
-        freeze_fields(self, {"t_ns": np.int64, "person_id": np.int64, "angle_rad": np.float64, "sigma_rad": np.float64})
-        sizes = check_fields(self, {"t_ns": "T", "person_id": "N", "angle_rad": "T N J 3", "sigma_rad": "T N J 3"})
+        sizes = frozen_fields(self, {"t_ns": "T", "person_id": "N", "angle_rad": "T N J 3", "sigma_rad": "T N J 3"})
         if self.world_from_segment.batch != (sizes["T"], sizes["N"], len(self.segments)):
             raise ShapeError(f"JointAngles.world_from_segment: expected batch (T, N, S), got {self.world_from_segment.batch}")
         if not sizes["J"] == len(self.joints) == len(self.angle_names):

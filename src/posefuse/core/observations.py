@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import DTypeLike
 
-from .arrays import Array, check_fields, freeze_fields, taken
+from .arrays import Array, frozen_fields, taken
 from .depth import joined_depth
 from .errors import ShapeError, choices
 from .skeleton import Skeleton
@@ -47,13 +47,10 @@ class DetectionBatch:
 
 
 _DTYPES: dict[str, DTypeLike] = {
-    "step_t_ns": np.int64,
     "frame_camera": np.int16,
-    "frame_t_ns": np.int64,
     "frame_step": np.int32,
     "frame_look": np.uint8,
     "n_detections": np.int32,
-    "person_id": np.int64,
 } | DETECTION_DTYPES
 _AXES = {
     "step_t_ns": "T",
@@ -114,8 +111,7 @@ class Observations:
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "camera_names", tuple(self.camera_names))
-        freeze_fields(self, _DTYPES)
-        sizes = check_fields(self, _AXES)
+        sizes = frozen_fields(self, _AXES, _DTYPES)
         check_keypoints(self, sizes)
         freeze_depth(self, np.float32)
         _check_range("frame_camera", self.frame_camera, 0, len(self.camera_names))

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import DTypeLike
 
-from .arrays import Array, check_fields, freeze_fields, taken
+from .arrays import Array, freeze_fields, frozen_fields, taken
 from .errors import ShapeError
 from .skeleton import Skeleton
 
@@ -55,8 +55,7 @@ def freeze_depth(value: Any, dtype: DTypeLike) -> None:
 
 def check_views(value: Any, axes: Mapping[str, str]) -> None:
     """Freeze and check the arrays of `Views` or `ViewSequence`, whose axes are `axes`."""
-    freeze_fields(value, {name: np.int64 if name in ("t_ns", "person_id") else np.float64 for name in axes})
-    sizes = check_fields(value, axes)
+    sizes = frozen_fields(value, axes)
     check_keypoints(value, sizes)
     freeze_depth(value, np.float64)
     if sizes["C"] != len(value.camera_names):
@@ -86,8 +85,7 @@ class Region:
     angle_rad: float = 0.0
 
     def __post_init__(self) -> None:
-        freeze_fields(self, {"centre_img": np.float64})
-        check_fields(self, {"centre_img": "2"})
+        frozen_fields(self, {"centre_img": "2"})
         if not (np.isfinite(self.centre_img).all() and self.side_px > 0 and np.isfinite(self.angle_rad)):
             raise ShapeError(
                 f"Region: expected finite centre, angle and side > 0, got {self.centre_img}, {self.angle_rad}, {self.side_px}"
@@ -129,8 +127,7 @@ class Detections2D:
             object.__setattr__(self, "clothing_lab", np.full((people, 3, 3), np.nan))
         if not len(self.track_id):
             object.__setattr__(self, "track_id", np.full(people, NO_TRACK))
-        freeze_fields(self, DETECTION_DTYPES)
-        check_keypoints(self, check_fields(self, DETECTION_ARRAYS))
+        check_keypoints(self, frozen_fields(self, DETECTION_ARRAYS, DETECTION_DTYPES))
         freeze_depth(self, np.float32)
 
     def __repr__(self) -> str:

@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from posefuse.core import InputError, ShapeError
-from posefuse.core.arrays import Array, check_fields, freeze_fields, frozen
+from posefuse.core.arrays import Array, frozen_fields
 from posefuse.core.errors import choices
 from posefuse.foundation.output_file import atomic_file
 
@@ -67,10 +67,9 @@ class C3dData:
     events: tuple[C3dEvent, ...] = ()
 
     def __post_init__(self) -> None:
-        freeze_fields(self, dict.fromkeys(("xyz_world", "sigma_m", "angle_rad"), np.float64))
         if not self.angle_names:
-            object.__setattr__(self, "angle_rad", frozen(np.zeros((len(self.xyz_world), 0, 3)), np.float64, "C3dData.angle_rad"))
-        sizes = check_fields(self, {"xyz_world": "T K 3", "sigma_m": "T K", "angle_rad": "T A 3"})
+            object.__setattr__(self, "angle_rad", np.zeros((len(self.xyz_world), 0, 3)))
+        sizes = frozen_fields(self, {"xyz_world": "T K 3", "sigma_m": "T K", "angle_rad": "T A 3"})
         if (sizes["K"], sizes["A"]) != (len(self.names), len(self.angle_names)):
             raise ShapeError(f"C3dData: {len(self.names)} names, {len(self.angle_names)} angle names; arrays have {sizes}")
         if not (np.isfinite(self.rate_hz) and self.rate_hz > 0):

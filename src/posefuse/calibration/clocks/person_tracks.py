@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from posefuse.core import CalibrationError, Detections2D, Skeleton
-from posefuse.core.arrays import Array, check_fields, freeze_fields
+from posefuse.core.arrays import Array, frozen_fields
 from posefuse.core.skeleton import SIDES
 
 # Limbs move most, so they carry most information; detectors mark the face even when it is not visible.
@@ -40,8 +40,7 @@ class PersonTrack:
     sigma_px: Array
 
     def __post_init__(self) -> None:
-        freeze_fields(self, {"t_ns": np.int64} | dict.fromkeys(("xy_img", "score", "sigma_px"), np.float64))
-        check_fields(self, {"t_ns": "F", "xy_img": "F K 2", "score": "F K", "sigma_px": "F K"})
+        frozen_fields(self, {"t_ns": "F", "xy_img": "F K 2", "score": "F K", "sigma_px": "F K"})
 
     @classmethod
     def of(cls, camera: str, frames: Sequence[Detections2D], rows: Iterable[tuple[int, int]]) -> PersonTrack:
