@@ -12,7 +12,6 @@ from posefuse.evaluation.biomechanics import BiomechanicsSettings, write_biomech
 from posefuse.evaluation.compare import Comparison, Tracks, compare
 from posefuse.evaluation.report import TITLE
 from posefuse.evaluation.tracks import is_simulated, read_tracks, tracks_of, truth_tracks
-from posefuse.formats.recording import read_result_poses
 from posefuse.formats.rig import refusal_note
 from posefuse.foundation.output_folder import output_folder
 
@@ -119,16 +118,12 @@ def _read(
     path, recording = source if isinstance(source, tuple) else (source, None)
     if recording is None and not (is_live(path) or path.is_dir()):
         return read_tracks(path, person), None
-    if recording is None and path.is_dir():
-        poses, rig, _ = read_result_poses(path)
-    else:
-        recording = recording or read_result(path)
-        poses, rig = recording.poses, recording.rig
-    near = reference[0] if reference is not None and _share_a_world(reference[1], rig) else None
-    tracks = replace(tracks_of(poses, path, person, near), warning=refusal_note(path, rig))
-    if simulated and recording is not None and not isinstance(source, tuple):
-        tracks = _at_simulated_times(tracks, path, int(recording.provenance["start_ns"]))
-    return tracks, rig
+    made = recording or read_result(path, observed=False)
+    near = reference[0] if reference is not None and _share_a_world(reference[1], made.rig) else None
+    tracks = replace(tracks_of(made.poses, path, person, near), warning=refusal_note(path, made.rig))
+    if simulated and recording is None and is_live(path):
+        tracks = _at_simulated_times(tracks, path, int(made.provenance["start_ns"]))
+    return tracks, made.rig
 
 
 def _at_simulated_times(tracks: Tracks, path: Path, start_ns: int) -> Tracks:
