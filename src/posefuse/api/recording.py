@@ -351,7 +351,7 @@ class Recording(core.Recording):
     @property
     def report_page(self) -> Path | None:
         """Where `report` writes its page unless it is given a folder; None for a recording in memory only."""
-        from posefuse.pipeline.reports import PAGE_FILE, report_folder
+        from posefuse.pipeline.writing import PAGE_FILE, report_folder
 
         return None if self.path is None else report_folder(self.path) / PAGE_FILE
 
@@ -379,7 +379,7 @@ class Recording(core.Recording):
         """
         from posefuse.evaluation.biomechanics import BiomechanicsSettings
         from posefuse.foundation.compiled import compiling
-        from posefuse.pipeline.reports import report_folder, write_report_folder
+        from posefuse.pipeline.writing import report_folder, write_report_folder
 
         place = path if path is not None else self.path and report_folder(self.path)
         if place is None:
