@@ -62,6 +62,12 @@ def check_views(value: Any, axes: Mapping[str, str]) -> None:
         raise ShapeError(f"{type(value).__name__}: {len(value.camera_names)} camera names, arrays have {sizes['C']} cameras")
 
 
+def unseen_planes(shape: tuple[int, ...], with_depth: bool = False) -> dict[str, Array]:
+    """Arrays of keypoints (...) that no one saw, to be filled: ``score``, ``sigma_px``, and ``xy_img``, ``depth_m`` (..., 2)."""
+    planes = {"xy_img": np.full((*shape, 2), np.nan), "score": np.zeros(shape), "sigma_px": np.full(shape, np.nan)}
+    return {**planes, "depth_m": np.full((*shape, 2), np.nan)} if with_depth else planes
+
+
 def keypoint_boxes(xy_img: Array, score: Array) -> Array:
     """(P, 4) left, top, right, bottom of the keypoints (P, K, 2) that were seen; NaN where none was."""
     seen = ((score > 0) & np.isfinite(xy_img).all(axis=-1))[..., None]
@@ -188,25 +194,14 @@ class Views:
     @staticmethod
     def of(detections: Sequence[Detections2D], t_ns: int, person_id: Array, place: Array) -> Views:
         """People (N,) whose detection in camera c is number place[n, c], or `UNSEEN`; one `Detections2D` per camera."""
-        people, cameras, skeleton = len(person_id), len(detections), detections[0].skeleton
-        xy = np.full((people, cameras, len(skeleton), 2), np.nan)
-        score, sigma = np.zeros(xy.shape[:-1]), np.full(xy.shape[:-1], np.nan)
-        depth = None if all(seen.depth_m is None for seen in detections) else np.full(xy.shape, np.nan)
+        skeleton, with_depth = detections[0].skeleton, any(seen.depth_m is not None for seen in detections)
+        planes = unseen_planes((*place.shape, len(skeleton)), with_depth)
         for row, c in np.argwhere(place != UNSEEN):
-            seen, p = detections[c], place[row, c]
-            xy[row, c], score[row, c], sigma[row, c] = seen.xy_img[p], seen.score[p], seen.sigma_px[p]
-            if depth is not None and seen.depth_m is not None:
-                depth[row, c] = seen.depth_m[p]
-        return Views(
-            t_ns=t_ns,
-            skeleton=skeleton,
-            camera_names=tuple(seen.camera for seen in detections),
-            person_id=person_id,
-            xy_img=xy,
-            score=score,
-            sigma_px=sigma,
-            depth_m=depth,
-        )
+            for name, plane in planes.items():
+                if (values := getattr(detections[c], name)) is not None:
+                    plane[row, c] = values[place[row, c]]
+        names = tuple(seen.camera for seen in detections)
+        return Views(t_ns=t_ns, skeleton=skeleton, camera_names=names, person_id=person_id, **planes)
 
     def people(self, which: Array) -> Views:
         """These people only: `which` is (N,) bool, or their places on axis N in the order wanted."""

@@ -10,6 +10,7 @@ import numpy as np
 from posefuse.core import CalibrationError, Detections2D, Skeleton
 from posefuse.core.arrays import Array, frozen_fields
 from posefuse.core.skeleton import SIDES
+from posefuse.core.values import unseen_planes
 
 # Limbs move most, so they carry most information; detectors mark the face even when it is not visible.
 _LIMBS = frozenset(f"{side}_{part}" for side in SIDES for part in ("shoulder", "elbow", "wrist", "hip", "knee", "ankle"))
@@ -45,11 +46,11 @@ class PersonTrack:
     @classmethod
     def of(cls, camera: str, frames: Sequence[Detections2D], rows: Iterable[tuple[int, int]]) -> PersonTrack:
         """The person at such places of these frames: pairs of frame and person; NaN in the other frames."""
-        shape = (len(frames), len(frames[0].skeleton))
-        xy, score, sigma = np.full((*shape, 2), np.nan), np.zeros(shape), np.full(shape, np.nan)
+        planes = unseen_planes((len(frames), len(frames[0].skeleton)))
         for i, p in rows:
-            xy[i], score[i], sigma[i] = frames[i].xy_img[p], frames[i].score[p], frames[i].sigma_px[p]
-        return cls(camera, frames[0].skeleton, np.array([frame.t_ns for frame in frames]), xy, score, sigma)
+            for name, plane in planes.items():
+                plane[i] = getattr(frames[i], name)[p]
+        return cls(camera, frames[0].skeleton, np.array([frame.t_ns for frame in frames]), **planes)
 
     @property
     def t_s(self) -> Array:
