@@ -43,8 +43,7 @@ class JointAngles(core.JointAngles):
     """
 
     def _repr_html_(self) -> str:
-        names = [(joint, name) for joint, three in zip(self.joints, self.angle_names, strict=True) for name in three]
-        known = zip(names, self.angle_rad.reshape(-1, len(names)).T, strict=True)
+        known = zip(self.angles, self.angle_rad.reshape(-1, 3 * len(self.joints)).T, strict=True)
         rows = [
             (joint, name, f"{np.degrees(np.nanmin(rad)):.1f}", f"{np.degrees(np.nanmax(rad)):.1f}")
             for (joint, name), rad in known

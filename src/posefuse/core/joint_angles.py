@@ -93,6 +93,11 @@ class JointAngles:
         """Their standard deviations in degrees, (T, N, J, 3)."""
         return np.asarray(np.degrees(self.sigma_rad))
 
+    @property
+    def angles(self) -> list[tuple[str, str]]:
+        """Joint and name of each angle in the order of `angle_rad`."""
+        return [(joint, name) for joint, names in zip(self.joints, self.angle_names, strict=True) for name in names]
+
     def __len__(self) -> int:
         """How many time steps."""
         return len(self.t_ns)
@@ -143,7 +148,7 @@ class JointAngles:
 
 def angle_labels(joints: JointAngles, between: str) -> list[str]:
     """A name for each angle in the order of `angle_rad`: that of its joint, `between`, and its own."""
-    return [f"{joint}{between}{name}" for joint, names in zip(joints.joints, joints.angle_names, strict=True) for name in names]
+    return [f"{joint}{between}{name}" for joint, name in joints.angles]
 
 
 # Names that OpenSim uses for joint angles, as names of posefuse with a sign.
