@@ -135,7 +135,8 @@ class _Numbers:
 
 def _header(numbers: _Numbers) -> _Header:
     words = numbers.array(0, 12, "u2", "header")
-    header = _Header(*words[[1, 2, 3, 4, 8]].tolist(), scale=numbers.one(12, "f4", "header"))
+    points, analog, first, last, data_block = words[[1, 2, 3, 4, 8]].tolist()
+    header = _Header(points, analog, first, last, data_block, numbers.one(12, "f4", "header"))
     if not np.isfinite(header.scale) or header.scale == 0:
         numbers.fail(f"header: expected a scale other than 0, got {header.scale}")
     if not 1 < header.data_block <= len(numbers) // BLOCK_BYTES + 1:
