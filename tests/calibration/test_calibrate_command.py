@@ -4,6 +4,7 @@ import json
 import shlex
 from dataclasses import dataclass, field, replace
 from fractions import Fraction
+from functools import wraps
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any, get_args
@@ -371,9 +372,9 @@ def room(tmp_path: Path, ring_rig: Any, monkeypatch: pytest.MonkeyPatch) -> Room
     write_target(tmp_path / "cube.toml", Markers(0.1, ids=(1, 2, 3)))
     write_target(tmp_path / "board.toml", Charuco(columns=5, rows=7, square_m=0.1, marker_m=0.075))
     made = Room(tmp_path)
-    for step in ("intrinsics", "extrinsics", "person", "clocks"):
-        monkeypatch.setattr(pf, f"calibrate_{step}", made.calculate)
-    monkeypatch.setattr(pf, "verify", made.calculate)
+    for name in ("verify", *(f"calibrate_{step}" for step in ("intrinsics", "extrinsics", "person", "clocks"))):
+        # with the arguments of the function, from which the command takes its own
+        monkeypatch.setattr(pf, name, wraps(getattr(pf, name))(lambda *given, **options: made.calculate(*given, **options)))
     return made
 
 

@@ -9,6 +9,7 @@ import threading
 import time
 import tomllib
 from collections.abc import Callable
+from functools import wraps
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -104,7 +105,8 @@ def test_doctor_is_not_ready_where_track_cannot_begin(monkeypatch: pytest.Monkey
 def test_demo_takes_the_clip_of_the_package_and_prints_the_next_step(monkeypatch, capsys, tmp_path, demo_session) -> None:
     taken = []
     made = SimpleNamespace(summary=list, figures={"people": 1})
-    monkeypatch.setattr(posefuse, "track", lambda *given, **options: taken.append((*given, options)) or made)
+    stand_in = wraps(posefuse.track)(lambda *given, **options: taken.append((*given, options)) or made)
+    monkeypatch.setattr(posefuse, "track", stand_in)
     code, out, err = run(capsys, "demo", "--out", str(tmp_path / "d"), "--json")
     assert code == 0 and json.loads(out)["people"] == 1
     folder, options = taken[0]

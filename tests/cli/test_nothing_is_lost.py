@@ -193,7 +193,7 @@ def calibrated(results: Path, out: Path, force: bool) -> None:
         out.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise InputError(str(error)) from None
-    check_files(RigOptions(out=path, report=report, force=force))
+    check_files(RigOptions(out=path, report=report, replace=force))
     check_output_file(coverage, option="--out", replace=force)
     write_coverage(coverage, seen)
     write_rig_file(path, rig)

@@ -13,7 +13,16 @@ from posefuse import __version__
 from posefuse.core import SKELETONS, InputError
 from posefuse.evaluation.biomechanics import BiomechanicsSettings, write_biomechanics
 from posefuse.evaluation.gait_cycles import PERCENT, gait_cycles, write_gait_cycles
-from posefuse.evaluation.report import RANGES, SOURCES, keypoint_quality, parameter_blocks, time_plots, write_report
+from posefuse.evaluation.report import (
+    QUALITY_COLUMNS,
+    RANGES,
+    SOURCES,
+    longest_gap,
+    parameter_blocks,
+    quality_rows,
+    time_plots,
+    write_report,
+)
 from posefuse.formats.mot import read_mot
 from posefuse.formats.page import MISSING
 from posefuse.kinematics import JOINTS, joints_from_poses
@@ -261,12 +270,13 @@ def test_quality_counts_what_was_measured(ring_rig):
     xyz, t_ns = walker()
     knee = SKELETON.index("left_knee")
     xyz[60:120, :, knee] = np.nan
-    rows = {row.keypoint: row for row in keypoint_quality(recording_of(ring_rig, xyz, t_ns), 0)}
-    assert rows["left_knee"].found == pytest.approx(0.75)
-    assert rows["left_knee"].longest_gap_s == pytest.approx(61 / 60, abs=1e-6)
-    assert rows["right_knee"].longest_gap_s == 0
-    assert rows["right_knee"].sigma_mm == pytest.approx(10)
-    assert rows["nose"].found == 0 and rows["nose"].longest_gap_s == pytest.approx(239 / 60, abs=1e-6)
+    rows = {
+        row[0].value: dict(zip(QUALITY_COLUMNS, row, strict=True)) for row in quality_rows(recording_of(ring_rig, xyz, t_ns), 0)
+    }
+    assert (rows["left knee"]["measured"], rows["left knee"]["longest gap s"]) == ("75 %", "1.02")
+    assert longest_gap(t_ns * 1e-9, np.isfinite(xyz[:, 0, knee, 0])) == pytest.approx(61 / 60, abs=1e-6)
+    assert (rows["right knee"]["longest gap s"], rows["right knee"]["standard deviation mm"]) == ("0.00", "10.0")
+    assert (rows["nose"]["measured"], rows["nose"]["longest gap s"], rows["nose"]["keypoint"].tone) == ("0 %", "3.98", "bad")
 
 
 @pytest.mark.parametrize(("left_m", "right_m", "stated"), [(0.66, 0.54, "+20"), (0.54, 0.66, "-20"), (0.599, 0.6, "+0")])

@@ -111,7 +111,7 @@ def test_skeletons_without_hands_and_heads_end_earlier():
 
 def test_gltf_holds_the_same_motion(sequence, tmp_path):
     animation = animated(sequence)
-    write_gltf(tmp_path / "a.glb", animation)
+    write_gltf(tmp_path / "a.glb", animation, skin_of(animation))
     content, read = read_glb(tmp_path / "a.glb")
     samplers = content["animations"][0]["samplers"]
     for channel in content["animations"][0]["channels"]:
@@ -133,7 +133,7 @@ def test_what_the_files_cannot_hold_is_refused(sequence, tmp_path):
     stretched[2][3] += 0.1
     with pytest.raises(InputError, match=f"joints must keep their offset; these move: {animation.names[2]}"):
         write_bvh(tmp_path / "a.bvh", type(animation)(**{**vars(animation), "position": stretched}))
-    refusal(InputError, r"expected a file ending in \.glb", write_gltf, tmp_path / "a.obj", animation)
+    refusal(InputError, r"expected a file ending in \.glb", write_gltf, tmp_path / "a.obj", animation, skin_of(animation))
     uneven = replace(sequence, t_ns=sequence.t_ns**2 // 10**6 + sequence.t_ns)
     refusal(InputError, "evenly spaced", animated, uneven)
 

@@ -19,7 +19,6 @@ from posefuse.core.skeleton import ANATOMICAL23
 from posefuse.evaluation.tracks import looped
 from posefuse.formats.truth import write_loop, write_truth
 from posefuse.outputs.data_files import CsvSink
-from posefuse.pipeline.reports import compared
 from posefuse.realtime.config import LiveConfig
 from posefuse.realtime.session import notes_of
 from posefuse_ros.bags import read_clock
@@ -100,11 +99,11 @@ def test_without_the_clock_it_would_be_another_moment(tmp_path: Path, world: Pat
 def test_a_recording_of_other_times_is_refused(tmp_path: Path, world: Path, ring_rig: Callable[..., Rig]) -> None:
     record(tmp_path / "a.mcap", ring_rig(3), 0.5, SimulatedClock())
     (world / "truth" / "loop.json").unlink()
-    assert "nothing is aligned, times" in compared(world, tmp_path / "a.mcap", None).notes[0]
-    asked = compared(world, tmp_path / "a.mcap", None, scale=True)
+    assert "nothing is aligned, times" in posefuse.compare(world, tmp_path / "a.mcap").notes[0]
+    asked = posefuse.compare(world, tmp_path / "a.mcap", scale=True)
     assert "simulation: times are its own" in asked.notes[0] and not np.array_equal(asked.alignment.rotation, np.eye(3))
     (world / "truth" / "loop.json").write_text('{"loop_ns": -1}')
-    refusal(InputError, "nanoseconds > 0", compared, world, tmp_path / "a.mcap", None)
+    refusal(InputError, "nanoseconds > 0", posefuse.compare, world, tmp_path / "a.mcap")
 
 
 @pytest.mark.parametrize(("t_s", "expected"), [(0, 0), (0.5, 0.5), (2.0, 2.0), (2.25, 0.25), (4.0, 2.0), (-1, -1)])
@@ -137,8 +136,8 @@ def test_recordings_of_one_calibration_are_not_turned_onto_each_other(ring_rig: 
     assert found.alignment.offset_s == pytest.approx(0.4, abs=0.02)
     assert np.linalg.norm(posefuse.compare(a, b, align_first_s=100.0).alignment.shift_m) == pytest.approx(0.022, abs=0.005)
     moved = replace(b, rig=b.rig.moved(SE3.from_rotvec([0.0, 0.0, 0.1], [0.0, 0.0, 0.0])))
-    assert "one calibration" in compared((Path("a"), a), (Path("b"), b), None).notes[0]
-    assert not compared((Path("a"), a), (Path("b"), moved), None).notes
+    assert "one calibration" in posefuse.compare(a, b).notes[0]
+    assert not posefuse.compare(a, moved).notes
     for asked in ({"scale": True}, {"align_first_s": 100.0}):
         refusal(ConfigError, "leave out `align_space=False`", posefuse.compare, a, b, align_space=False, **asked)
 
@@ -151,8 +150,8 @@ def test_of_several_people_the_same_one_is_compared_whatever_their_order(tmp_pat
     gone = [np.where(late & (which == n), np.nan, both) for n in (0, 1)]
     a, b = (replace(walk, poses=built.poses(xyz, skeleton=ANATOMICAL23, t_ns=walk.poses.t_ns, ids=(4, 7))) for xyz in gone)
     b = replace(b, poses=replace(b.poses.people(np.array([1, 0])), person_id=np.array([4, 7])))
-    found = compared((Path("a"), a), (Path("b"), b), None)
+    found = posefuse.compare(a, b)
     assert (found.a.name, found.b.name) == ("a, person 7", "b, person 4") and found.errors.mpjpe_mm < 1e-6
     CsvSink().build().write(a, tmp_path)
-    found = compared((Path("a"), a), tmp_path / "pose.csv", None)
+    found = posefuse.compare(a, tmp_path / "pose.csv")
     assert found.errors.mpjpe_mm < 0.01

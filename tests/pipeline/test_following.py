@@ -349,7 +349,7 @@ def log(search: list[Detections2D], second: list[Detections2D], kept: list[list[
     looks = ((LookKind.SEARCH, search), (LookKind.SECOND, second))
     batches = [DetectionBatch(step=0, t_ns=0, kind=kind, detections=tuple(views)) for kind, views in looks]
     no_person = [np.full(len(one), -1) for one in search]
-    return Observations.from_batches(COCO17, ("a", "b", "c"), batches, [no_person, [np.array(ids) for ids in kept]])
+    return Observations.from_batches(COCO17, ("a", "b", "c"), batches).with_person_ids(np.concatenate([*no_person, *kept]))
 
 
 def test_who_was_found_but_is_not_in_the_result() -> None:

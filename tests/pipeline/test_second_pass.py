@@ -46,8 +46,8 @@ def seen_by(
             xy = np.repeat(camera.project(body(t_ns))[None], n, axis=0)
             found.append(detections(camera.name, xy, t_ns, score=1.0, sigma_px=1.5))
         batches.append(DetectionBatch(step=i, t_ns=i * PERIOD_NS, kind=LookKind.EXPECTED, detections=tuple(found)))
-        person_ids.append([ids[: len(one)] for one in found])
-    return Observations.from_batches(COCO17, rig.names, batches, person_ids)
+        person_ids += [ids[: len(one)] for one in found]
+    return Observations.from_batches(COCO17, rig.names, batches).with_person_ids(np.concatenate(person_ids))
 
 
 def views_of(seen: Observations):

@@ -121,7 +121,8 @@ def detections_of(found: dict[str, int], depth: bool) -> Observations:
     places = {name: np.full((count, len(COCO17), 2), 100.0) for name, count in found.items()}
     seen = tuple(detections(name, xy, depth_m=np.ones_like(xy) if depth else None) for name, xy in places.items())
     batch = DetectionBatch(step=0, t_ns=0, kind=LookKind.SEARCH, detections=seen)
-    return Observations.from_batches(COCO17, tuple(found), [batch], [[np.arange(n) for n in found.values()]])
+    people = np.concatenate([np.arange(n) for n in found.values()])
+    return Observations.from_batches(COCO17, tuple(found), [batch]).with_person_ids(people)
 
 
 @pytest.mark.parametrize(("depth", "seeing", "enough"), [(False, 2, True), (False, 1, False), (True, 1, True), (True, 0, False)])

@@ -248,7 +248,7 @@ def test_a_report_job_replaces_its_own_report(workspace: StudioWorkspace, monkey
         (folder / "report.html").write_text("page")
         return [folder / "report.html"]
 
-    monkeypatch.setattr("posefuse.pipeline.reports.write_biomechanics", written)
+    monkeypatch.setattr("posefuse.pipeline.writing.write_biomechanics", written)
     for _ in range(2):
         made = recordings.report_job({"result": "result"}, workspace, lambda *_: None)
         assert made == {"page": "result/biomechanics/report.html"}

@@ -283,7 +283,7 @@ def observations_from_views(views: ViewSequence) -> Observations:
     """Observations of cameras that were exposed exactly at the time steps; boxes are those of the keypoints."""
     batches, person_ids = [], []
     for i, t_ns in enumerate(views.t_ns.tolist()):
-        found, ids = [], []
+        found = []
         for c, camera in enumerate(views.camera_names):
             here = (views.score[i, :, c] > 0).any(axis=-1)
             xy, score = views.xy_img[i, here, c], views.score[i, here, c]
@@ -299,10 +299,9 @@ def observations_from_views(views: ViewSequence) -> Observations:
                     depth_m=None if views.depth_m is None else views.depth_m[i, here, c],
                 )
             )
-            ids.append(views.person_id[here])
+            person_ids.append(views.person_id[here])
         batches.append(DetectionBatch(step=i, t_ns=t_ns, kind=LookKind.EXPECTED, detections=tuple(found)))
-        person_ids.append(ids)
-    return Observations.from_batches(views.skeleton, views.camera_names, batches, person_ids)
+    return Observations.from_batches(views.skeleton, views.camera_names, batches).with_person_ids(np.concatenate(person_ids))
 
 
 def recording_from_views(

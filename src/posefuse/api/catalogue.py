@@ -8,15 +8,15 @@ from __future__ import annotations
 import hashlib
 import json
 import os
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
 
 from posefuse.core import InputError, PosefuseError
-from posefuse.formats.recording import ABOUT_FILE, ARRAYS_FILE, read_result_poses
+from posefuse.formats.recording import ABOUT_FILE, ARRAYS_FILE
 from posefuse.foundation.output_file import atomic_file
 from posefuse.foundation.places import default_cache_dir
 from posefuse.outputs.facts import recorded_utc
@@ -182,26 +182,20 @@ def keep_cached(place: Path, content: bytes) -> None:
 
 def _looked_at(path: Path) -> Listed:
     live, modified_s = is_live(path), _modified_s(path)
-    made: Mapping[str, Any]
     try:
         if live and path.stat().st_size > _MOST_LIVE_BYTES:
             return Listed(path=path, live=True, modified_s=modified_s, problem="long: open it to see how good it is")
-        if live:
-            recording = read_result(path, lambda line: None)
-            poses, rig, made = recording.poses, recording.rig, recording.provenance
-        else:
-            poses, rig, made = read_result_poses(path)
+        recording = read_result(path, lambda line: None, observed=False)
     except (PosefuseError, OSError) as error:
         return Listed(path=path, live=live, modified_s=modified_s, problem=str(error))
-    figures = quality_figures(poses, len(rig))
-    names = (made.get("config") or {}).get("names") or ()
+    figures, made = quality_figures(recording.poses, len(recording.rig)), recording.provenance
     return Listed(
         path=path,
         live=live,
         session=str(made.get("session", "")),
         recorded=recorded_utc(made),
         modified_s=modified_s,
-        people=tuple(names[i] if i < len(names) else f"person {i}" for i in poses.person_id.tolist()),
+        people=recording.person_names,
         duration_s=figures["duration_s"],
         cameras=figures["cameras"],
         coverage=figures["present_share"],

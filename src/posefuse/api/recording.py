@@ -43,8 +43,7 @@ class JointAngles(core.JointAngles):
     """
 
     def _repr_html_(self) -> str:
-        names = [(joint, name) for joint, three in zip(self.joints, self.angle_names, strict=True) for name in three]
-        known = zip(names, self.angle_rad.reshape(-1, len(names)).T, strict=True)
+        known = zip(self.angles, self.angle_rad.reshape(-1, 3 * len(self.joints)).T, strict=True)
         rows = [
             (joint, name, f"{np.degrees(np.nanmin(rad)):.1f}", f"{np.degrees(np.nanmax(rad)):.1f}")
             for (joint, name), rad in known
@@ -351,7 +350,7 @@ class Recording(core.Recording):
     @property
     def report_page(self) -> Path | None:
         """Where `report` writes its page unless it is given a folder; None for a recording in memory only."""
-        from posefuse.pipeline.reports import PAGE_FILE, report_folder
+        from posefuse.pipeline.writing import PAGE_FILE, report_folder
 
         return None if self.path is None else report_folder(self.path) / PAGE_FILE
 
@@ -379,7 +378,7 @@ class Recording(core.Recording):
         """
         from posefuse.evaluation.biomechanics import BiomechanicsSettings
         from posefuse.foundation.compiled import compiling
-        from posefuse.pipeline.reports import report_folder, write_report_folder
+        from posefuse.pipeline.writing import report_folder, write_report_folder
 
         place = path if path is not None else self.path and report_folder(self.path)
         if place is None:

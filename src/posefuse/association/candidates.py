@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from posefuse.core import Camera, Detections2D, Rig, Views
-from posefuse.core.arrays import Array, check_fields, freeze_fields
+from posefuse.core.arrays import Array, frozen_fields
 from posefuse.core.depth import keypoint_depth
 from posefuse.core.observations import NOT_KEPT
 from posefuse.core.values import UNSEEN
@@ -152,8 +152,7 @@ class Assignment:
     place: Array
 
     def __post_init__(self) -> None:
-        freeze_fields(self, {"person_id": np.int64, "place": np.int64})
-        check_fields(self, {"person_id": "N", "place": "N C"})
+        frozen_fields(self, {"person_id": "N", "place": "N C"}, {"place": np.int64})
 
     def views(self, detections: Sequence[Detections2D], t_ns: int) -> Views:
         """The people's detections, one per camera in the order of axis C, as views at this time."""

@@ -85,7 +85,7 @@ class CalibrationReport:
         if rig is not None:
             blocks += [Heading("Cameras from above"), Plots([camera_plan_plot(rig)])]
         if images:
-            blocks += [Heading("Images"), Images(images, lossless=True)]
+            blocks += [Heading("Images"), Images(images)]
         if self.numbers:
             rows = [[name, f"{value:.4g}"] for name, value in self.numbers.items()]
             blocks += [Heading("Numbers"), Table(["number", "value"], rows)]

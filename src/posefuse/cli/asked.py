@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 from posefuse.core import InputError
 
-from .terminal import quoted
+from .terminal import option_of, quoted
 
 if TYPE_CHECKING:
     from posefuse.calibration.report import CalibrationReport
@@ -34,7 +34,7 @@ class Asked:
 
     def again(self, **changed: Any) -> str:
         """The same command with other values of some options. It replaces the report that the refused one wrote."""
-        return _typed(self.step, *map(quoted, self.inputs), option_words(self.options, **{"force": True, **changed}))
+        return _typed(self.step, *map(quoted, self.inputs), option_words(self.options, **{"replace": True, **changed}))
 
 
 def next_after(report: CalibrationReport, asked: Asked) -> tuple[str, str]:
@@ -82,9 +82,9 @@ def option_words(options: Any, **changed: Any) -> str:
     for field in fields(options):
         value = changed.get(field.name, getattr(options, field.name))
         if value is True:
-            words.append(option_name(field.name))
+            words.append(f"--{option_of(field.name)}")
         elif value != field.default:
-            words += _valued(option_name(field.name), value)
+            words += _valued(f"--{option_of(field.name)}", value)
     return " ".join(words)
 
 
@@ -95,11 +95,6 @@ def _valued(option: str, value: Any) -> list[str]:
     if all(isinstance(one, str) for one in value):
         return [word for one in value for word in (option, quoted(one))]
     return [option, *(quoted(one) for one in value)]
-
-
-def option_name(name: str) -> str:
-    """How an option is typed."""
-    return f"--{name.replace('_', '-')}"
 
 
 def clock_offsets_s(offsets: Sequence[str]) -> dict[str, float]:
@@ -130,7 +125,7 @@ def check_files(options: Any, inputs: Sequence[str] = ()) -> list[Path]:
     read = [*paths_by_camera(inputs).values(), *(path for path in named if path is not None)]
     for name in ("out", "report"):
         if (path := getattr(options, name, None)) is not None:
-            check_output_file(path, option=option_name(name), inputs=read, replace=options.force)
+            check_output_file(path, option=f"--{option_of(name)}", inputs=read, replace=options.replace)
     return read
 
 

@@ -1,6 +1,6 @@
 """`posefuse record` and `posefuse calibrate`, step by step."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
@@ -19,12 +19,13 @@ from .options import (
     Seconds,
     Shown,
     Sources,
+    arguments_of,
     count,
     positive,
     settings_options,
 )
 from .stopping import session_exit_code
-from .terminal import Terminal, quoted
+from .terminal import Terminal, option_of, quoted
 
 if TYPE_CHECKING:
     from posefuse.api.calibration_results import IntrinsicsCalibration
@@ -61,16 +62,16 @@ UpsideDown = Annotated[
 ]
 
 
-@Parameter(name="*")
+@Parameter(name="*", name_transform=option_of)
 @dataclass(frozen=True, kw_only=True)
 class FileOptions:
     """What a step writes.
 
     Attributes:
-        force: Replace files; the old ones are kept as NAME.replaced-TIME.
+        replace: Replace files; the old ones are kept as NAME.replaced-TIME.
     """
 
-    force: bool = False
+    replace: bool = False
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -112,7 +113,7 @@ class ExtrinsicsOptions(IntrinsicsOptions):
         floor_marker: Marker that lies on the floor in the same recordings; without it, up is estimated from the cameras.
         floor_side_mm: Edge of that marker, where it differs from the target's.
         floor_points: Or: pixels per camera of three points of the floor: origin, one along x, one towards y.
-        refine_lenses: Refine the intrinsics too; how well their focal lengths are known, in percent, e.g. 0.5.
+        focal_known_to_percent: Refine the intrinsics too; how well their focal lengths are known, in percent, e.g. 0.5.
         any_size: Accept a rig far smaller or larger than a room.
         keep_refused: Write a refused result too, marked as refused; `posefuse track` then warns each time.
     """
@@ -122,7 +123,7 @@ class ExtrinsicsOptions(IntrinsicsOptions):
     floor_side_mm: Annotated[float | None, Parameter(metavar="MM"), positive(_MOST_MM)] = None
     floor_points: Annotated[Path | None, Parameter(metavar="FILE.toml")] = None
     clocks: Clocks = "auto"
-    refine_lenses: Annotated[float | None, Parameter(metavar="PERCENT"), positive(100)] = None
+    focal_known_to_percent: Annotated[float | None, Parameter(metavar="PERCENT"), positive(100)] = None
     any_size: bool = False
     keep_refused: bool = False
     upside_down: UpsideDown = ()
@@ -135,16 +136,16 @@ class PersonOptions(RigOptions, NetworkOptions):
     Attributes:
         intrinsics: Rig file with the intrinsics.
         height_m: Height of the person in metres, which sets the scale within a few per cent.
-        apart: Or: the measured distance of two cameras.
-        rate: Frame rate of 2D poses.
+        camera_distance: Or: the measured distance of two cameras.
+        rate_hz: Frame rate of 2D poses.
     """
 
     intrinsics: File
     height_m: Annotated[float | None, Parameter(metavar="M"), positive(_MOST_HEIGHT_M)] = None
-    apart: Annotated[tuple[str, str, float] | None, Parameter(metavar="CAMERA CAMERA METRES")] = None
-    rate: RateHz = None
+    camera_distance: Annotated[tuple[str, str, float] | None, Parameter(metavar="CAMERA CAMERA METRES")] = None
+    rate_hz: RateHz = None
     clocks: Clocks = "auto"
-    most_s: MostSeconds = 10.0
+    max_offset_s: MostSeconds = 10.0
     upside_down: UpsideDown = ()
 
 
@@ -156,16 +157,16 @@ class ClockOptions(ReportOptions, NetworkOptions):
         rig: Calibration file, when it is not in SESSION.
         input: Which data of the session to use.
         clocks: Whether to estimate a drift (a different clock rate) as well.
-        rate: Frame rate of 2D poses and images that state none.
+        rate_hz: Frame rate of 2D poses and images that state none.
         seconds: Use so many seconds from the middle of the recording.
     """
 
     rig: OptionalFile = None
-    input: InputKind | None = None
+    input: InputKind | None = field(default=None, metadata={"key": "input"})
     clocks: Literal["offset", "drift"] = "offset"
-    rate: RateHz = None
+    rate_hz: RateHz = None
     seconds: Annotated[float, Parameter(metavar="S"), positive(MOST_S)] = 60.0
-    most_s: MostSeconds = 10.0
+    max_offset_s: MostSeconds = 10.0
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -304,7 +305,7 @@ def calibrate_intrinsics(*inputs: CameraRecordings, options: IntrinsicsOptions, 
     with reported(options.report, Asked(step="intrinsics", inputs=inputs, options=options)):
         try:
             with terminal.stages() as progress:
-                found = pf.calibrate_intrinsics(inputs, target=options.target, every=options.every, progress=progress)
+                found = pf.calibrate_intrinsics(inputs, **arguments_of(pf.calibrate_intrinsics, options), progress=progress)
         except RefusedCalibration as refused:
             if refused.kept is not None:
                 _save_intrinsics(refused.kept, options, terminal)
@@ -322,7 +323,7 @@ def _save_intrinsics(found: "IntrinsicsCalibration", options: IntrinsicsOptions,
     """Reports and rig file; cameras of an older file that were not calibrated now stay in it."""
     for report in found.reports.values():
         terminal.show(report.summary())
-    found.save(options.out, report=options.report, replace=options.force)
+    found.save(options.out, report=options.report, replace=options.replace)
     stay = [camera.name for camera in pf.read_rig(options.out) if camera.name not in found.reports]
     terminal.note(f"{options.out}: intrinsics of {', '.join(found.reports)}" + (f"; {', '.join(stay)} as before" if stay else ""))
 
@@ -344,25 +345,14 @@ def calibrate_extrinsics(*inputs: CameraRecordings, options: ExtrinsicsOptions, 
     check_output_file(coverage, option="--out", inputs=read, replace=True)
     kind, asked = target_of(options.target), Asked(step="extrinsics", inputs=inputs, options=options)
     with reported(options.report, asked), terminal.stages() as progress:
-        found = pf.calibrate_extrinsics(
-            inputs,
-            intrinsics=options.intrinsics,
-            target=kind,
-            every=options.every,
-            clocks=options.clocks,
-            floor=floor_of(kind, marker=options.floor_marker, side_mm=options.floor_side_mm, points=options.floor_points),
-            focal_known_to_percent=options.refine_lenses,
-            upside_down=options.upside_down,
-            any_size=options.any_size,
-            keep_refused=options.keep_refused,
-            coverage=coverage,
-            progress=progress,
-        )
+        floor = floor_of(kind, marker=options.floor_marker, side_mm=options.floor_side_mm, points=options.floor_points)
+        given = arguments_of(pf.calibrate_extrinsics, options)
+        found = pf.calibrate_extrinsics(inputs, **given, floor=floor, coverage=coverage, progress=progress)
     if found.report.failed:
         failed = ", ".join(check.name for check in found.report.failed)
         terminal.warn(f"refused ({failed}); kept all the same (--keep-refused), and marked as refused in the file")
     terminal.show(found.report.summary())
-    found.save(options.out, report=options.report, replace=options.force)
+    found.save(options.out, report=options.report, replace=options.replace)
     settings = _save_clocks(options.out.parent, found, terminal)
     terminal.next(
         f"posefuse calibrate verify SESSION --target BOARD.toml --rig {quoted(options.out)}",
@@ -400,20 +390,9 @@ def calibrate_person(*inputs: CameraRecordings, options: PersonOptions, terminal
     check_files(options, inputs)
     asked = Asked(step="person", inputs=inputs, options=options)
     with reported(options.report, asked), terminal.stages() as progress:
-        found = pf.calibrate_person(
-            inputs,
-            intrinsics=options.intrinsics,
-            height_m=options.height_m,
-            camera_distance=options.apart,
-            rate_hz=options.rate,
-            clocks=options.clocks,
-            max_offset_s=options.most_s,
-            upside_down=options.upside_down,
-            settings=options.changes,
-            progress=progress,
-        )
+        found = pf.calibrate_person(inputs, **arguments_of(pf.calibrate_person, options), progress=progress)
     terminal.show(found.summary())
-    found.save(options.out, report=options.report, replace=options.force)
+    found.save(options.out, report=options.report, replace=options.replace)
     terminal.next(f"put {options.out} into the folder of your videos: posefuse track SESSION --out RESULT", "the 3D skeleton")
     return {"rig": str(options.out), "settings": _save_clocks(options.out.parent, found, terminal), **found.numbers}
 
@@ -429,22 +408,13 @@ def calibrate_clocks(session: Path, /, *, options: ClockOptions = ClockOptions()
     from .asked import Asked, check_files, reported
 
     check_files(options)
-    chosen = {} if options.input is None else {"input": options.input}
     asked = Asked(step="clocks", inputs=(str(session),), options=options)
     with reported(options.report, asked), terminal.stages() as progress:
-        found = pf.calibrate_clocks(
-            session,
-            rig=options.rig,
-            drift=options.clocks == "drift",
-            rate_hz=options.rate,
-            seconds=options.seconds,
-            max_offset_s=options.most_s,
-            settings={**chosen, **options.changes},
-            progress=progress,
-        )
+        given = arguments_of(pf.calibrate_clocks, options)
+        found = pf.calibrate_clocks(session, **given, drift=options.clocks == "drift", progress=progress)
     terminal.show(found.summary())
     if options.report is not None:
-        found.save_report(options.report, replace=options.force)
+        found.save_report(options.report, replace=options.replace)
     settings = _save_clocks(session, found, terminal)
     needed = f"add the offsets to {session / CONFIG_FILE} first" if found.clock_settings else "the clocks need no correction"
     terminal.next(f"posefuse track {quoted(session)} --out RESULT", "uses the clocks found" if settings else needed)
@@ -461,17 +431,11 @@ def calibrate_verify(*inputs: CameraRecordings, options: VerifyOptions, terminal
 
     check_files(options, inputs)
     with terminal.stages() as progress:
-        found = pf.verify(
-            options.rig,
-            inputs,
-            target=options.target,
-            every=options.every,
-            clock_offset_s=clock_offsets_s(options.offset_ms) if options.offset_ms else None,
-            progress=progress,
-        )
+        offsets_s = clock_offsets_s(options.offset_ms) if options.offset_ms else None
+        found = pf.verify(inputs=inputs, **arguments_of(pf.verify, options), clock_offset_s=offsets_s, progress=progress)
     terminal.show(found.report.summary())
     if options.report is not None:
-        found.save(options.report, replace=options.force)
+        found.save(options.report, replace=options.replace)
     with reported(None, Asked(step="verify", inputs=inputs, options=options)):
         found.report.require()
     terminal.next(f"put {options.rig} into the folder of your videos: posefuse track SESSION --out RESULT", "the rig is good")
@@ -482,7 +446,7 @@ def calibrate_verify(*inputs: CameraRecordings, options: VerifyOptions, terminal
 def calibrate_print(*, options: PrintOptions, terminal: Shown) -> Figures:
     """Make a PDF of a target at its true size."""
     settings = {"kind": "charuco", **options.changes}
-    made = pf.print_target(options.out, settings, cube=options.cube, page=options.page, replace=options.force)
+    made = pf.print_target(**{**arguments_of(pf.print_target, options), "settings": settings})
     terminal.note(f"{made.pdf}: {made.pages} page{'s' * (made.pages > 1)}; print at 100 % and measure the ruler")
     terminal.note(f"{made.target}: the target's description, which the other steps take as --target {quoted(made.target)}")
     command = "posefuse record --source cam1=usb:/dev/video0 ... --out SESSION"

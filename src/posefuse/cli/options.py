@@ -1,6 +1,7 @@
 """NamedSettings of the commands: those of settings come from the settings classes, so that each is described once."""
 
 import dataclasses
+import inspect
 import re
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
@@ -12,7 +13,7 @@ from cyclopts import Group, Parameter
 
 from posefuse.core.extras import package_of_extra
 
-from .terminal import Terminal
+from .terminal import Terminal, option_of
 
 F = TypeVar("F", bound=Callable[..., Any])
 Figures = Mapping[str, Any]
@@ -35,7 +36,7 @@ def without_package(module: str, extra: str) -> Callable[..., Figures]:
     return command
 
 
-@Parameter(name="*", group=SETTINGS)
+@Parameter(name="*", group=SETTINGS, name_transform=option_of)
 @dataclass(frozen=True, kw_only=True)
 class NamedSettings:
     """Settings that were given; `settings_options` makes subclasses with one field per named setting, None where not given."""
@@ -45,6 +46,13 @@ class NamedSettings:
         """What was given, by dotted key: what ``settings=`` of the public functions takes."""
         named = ((field.metadata.get("key"), getattr(self, field.name)) for field in dataclasses.fields(self))
         return {key: value for key, value in named if key and value is not None}
+
+
+def arguments_of(function: Callable[..., Any], options: Any) -> dict[str, Any]:
+    """The options that are arguments of a public function, which have its names, and the settings as one of them."""
+    known = inspect.signature(function).parameters
+    given = {field.name: getattr(options, field.name) for field in dataclasses.fields(options) if field.name in known}
+    return given | ({"settings": options.changes} if isinstance(options, NamedSettings) else {})
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -106,7 +114,7 @@ def settings_options(argument: str, cls: type[Any], named: Mapping[str, str], gr
             kw_only=True,
             namespace={"__module__": base.__module__, "__doc__": base.__doc__},
         )
-        command.__annotations__[argument] = Parameter(name="*", group=group)(made)
+        command.__annotations__[argument] = Parameter(name="*", group=group, name_transform=option_of)(made)
         if command.__kwdefaults__ and argument in command.__kwdefaults__:
             command.__kwdefaults__[argument] = made()
         return command

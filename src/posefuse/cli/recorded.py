@@ -11,7 +11,7 @@ import posefuse as pf
 from posefuse.core import InputError
 from posefuse.pipeline.config import TrackConfig
 
-from .options import Figures, NetworkOptions, SettingsOptions, Shown, count, settings_options
+from .options import Figures, NetworkOptions, SettingsOptions, Shown, arguments_of, count, settings_options
 from .terminal import Terminal, quoted
 
 _MAKES = Group("Result", sort_key=-3)
@@ -50,13 +50,13 @@ class TrackOptions(SettingsOptions, NetworkOptions):
     Attributes:
         out: Folder for the result; must not exist, unless with --force or --resume.
         view: Open the result in the Rerun viewer (extra: viewer).
-        force: Replace the results in DIR, and start interrupted work from the beginning.
+        replace: Replace the results in DIR, and start interrupted work from the beginning.
         resume: Continue where the same command was interrupted.
     """
 
     out: Annotated[Path, Parameter(metavar="DIR", group=_MAKES)]
     view: Annotated[bool, Parameter(group=_MAKES)] = False
-    force: Annotated[bool, Parameter(group=_AGAIN)] = False
+    replace: Annotated[bool, Parameter(group=_AGAIN)] = False
     resume: Annotated[bool, Parameter(group=_AGAIN)] = False
 
 
@@ -67,7 +67,7 @@ class SolveOptions(SettingsOptions):
     Attributes:
         out: Folder for the new result; must not exist, unless with --force.
         view: Open the result in the Rerun viewer (extra: viewer).
-        force: Replace the results in DIR.
+        replace: Replace the results in DIR.
         exclude: Leave out a camera, or without a name all of them, from second A to B. May be given several times.
         keep_person: Keep only this person.
         no_edits: Ignore earlier marks: leave out nothing, keep all people.
@@ -75,7 +75,7 @@ class SolveOptions(SettingsOptions):
 
     out: Annotated[Path, Parameter(metavar="DIR", group=_MAKES)]
     view: Annotated[bool, Parameter(group=_MAKES)] = False
-    force: Annotated[bool, Parameter(group=_MAKES)] = False
+    replace: Annotated[bool, Parameter(group=_MAKES)] = False
     exclude: Annotated[tuple[str, ...], Parameter(metavar="[CAMERA:]A-B", validator=_check_excluded)] = ()
     keep_person: Annotated[int | None, Parameter(metavar="ID", validator=_check_id)] = None
     no_edits: bool = False
@@ -90,14 +90,14 @@ class BatchOptions(SettingsOptions, NetworkOptions):
         no_report: Do not write joint angles, gait and the report of each trial.
         jobs: Trials at once (default: as many as the cores and the free memory allow).
         scheduler: Run the trials on this Dask cluster, e.g. tcp://host:8786 (extra: cluster). It must see the same folders.
-        force: Run trials again that were completed with other settings or from other files.
+        replace: Run trials again that were completed with other settings or from other files.
     """
 
     out: Annotated[Path, Parameter(metavar="DIR", group=_MAKES)]
     no_report: Annotated[bool, Parameter(group=_MAKES)] = False
     jobs: Annotated[int | None, Parameter(metavar="N", group=_MAKES), count(1024)] = None
     scheduler: Annotated[str | None, Parameter(metavar="ADDRESS", group=_MAKES)] = None
-    force: Annotated[bool, Parameter(group=_MAKES)] = False
+    replace: Annotated[bool, Parameter(group=_MAKES)] = False
 
 
 @settings_options("options", TrackConfig, {"rig": "rig FILE", "input": "input", **_SOLVED})
@@ -108,17 +108,7 @@ def track(session: Path, /, *, options: TrackOptions, terminal: Shown) -> Figure
         session: Folder with a calibration file and the recordings.
     """
     with terminal.stages() as progress:
-        made = pf.track(
-            session,
-            out=options.out,
-            config=options.config,
-            settings=options.changes,
-            resume=options.resume,
-            replace=options.force,
-            keep_partial=True,
-            view=options.view,
-            progress=progress,
-        )
+        made = pf.track(session, **arguments_of(pf.track, options), keep_partial=True, progress=progress)
     terminal.show(made.summary())
     _next(options.out, terminal)
     terminal.next(f"posefuse view {quoted(options.out)}", "the skeleton in the 3D viewer (extra: viewer)")
@@ -135,18 +125,8 @@ def solve(result: Path, /, *, options: SolveOptions, terminal: Shown) -> Figures
     if options.no_edits and (options.exclude or options.keep_person is not None):
         raise InputError("--no-edits: expected no --exclude and no --keep-person with it")
     with terminal.stages() as progress:
-        made = pf.solve(
-            result,
-            options.out,
-            edits=pf.Edits() if options.no_edits else None,
-            exclude=[_exclusion(text) for text in options.exclude],
-            keep_person=options.keep_person,
-            config=options.config,
-            settings=options.changes,
-            replace=options.force,
-            view=options.view,
-            progress=progress,
-        )
+        marks = {"edits": pf.Edits() if options.no_edits else None, "exclude": [*map(_exclusion, options.exclude)]}
+        made = pf.solve(result, **{**arguments_of(pf.solve, options), **marks}, progress=progress)
     terminal.show(made.summary())
     _next(options.out, terminal)
     terminal.next(f"posefuse compare {quoted(options.out)} {quoted(result)}", "how far the earlier result was from it")
@@ -174,7 +154,7 @@ def demo(
     """
     clip = pf.demo_session()
     terminal.note(f"the clip lies in {clip}; the same as: posefuse track {clip} --out {out}")
-    figures = track(clip, options=TrackOptions(out=out, force=force), terminal=terminal)
+    figures = track(clip, options=TrackOptions(out=out, replace=force), terminal=terminal)
     terminal.next(f"open {out / 'overlay.mp4'}", "all four views with the skeleton drawn in")
     own = "your own recording: a folder with a calibration file and one video per camera"
     terminal.next("posefuse track SESSION --out RESULT", own)
@@ -191,17 +171,7 @@ def batch(study: Path, /, *, options: BatchOptions, terminal: Shown) -> Figures:
         study: Folder with the sessions, e.g. STUDY/P01/walk1.
     """
     with terminal.stages() as progress:
-        done = pf.batch(
-            study,
-            options.out,
-            report=not options.no_report,
-            jobs=options.jobs,
-            scheduler=options.scheduler,
-            config=options.config,
-            settings=options.changes,
-            replace=options.force,
-            progress=progress,
-        )
+        done = pf.batch(study, **arguments_of(pf.batch, options), report=not options.no_report, progress=progress)
     terminal.show(done.summary())
     terminal.next(f"open {done.page} in a browser", f"the summary; {done.table.name} in the same folder holds the numbers")
     return {"out": done.out, "trials": done.rows(), "kept": done.kept, "failed": dict(done.failed)}

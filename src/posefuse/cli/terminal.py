@@ -31,12 +31,17 @@ def quoted(value: object) -> str:
     return shlex.quote(str(value))
 
 
+def option_of(argument: str) -> str:
+    """What an argument of Python is called on the command line, without the dashes."""
+    return _OPTIONS.get(argument, argument.replace("_", "-"))
+
+
 def in_options(text: str) -> str:
     """A message for a shell: an argument of Python, `` `clocks=offset` ``, is the option ``--clocks offset``."""
 
     def option(found: re.Match[str]) -> str:
         name, value = found.groups()
-        return f"--{_OPTIONS.get(name, name.replace('_', '-'))}" + ("" if value in ("True", "False") else f" {value}")
+        return f"--{option_of(name)}" + ("" if value in ("True", "False") else f" {value}")
 
     return _ARGUMENT.sub(option, text)
 

@@ -2,6 +2,7 @@
 
 from collections.abc import Iterable, Mapping
 from functools import cache
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -80,8 +81,13 @@ def freeze_fields(value: Any, dtypes: Mapping[str, DTypeLike]) -> None:
         object.__setattr__(value, name, frozen(getattr(value, name), dtype, f"{type(value).__name__}.{name}"))
 
 
-def check_fields(value: Any, axes: Mapping[str, str]) -> dict[str, int]:
-    """`check_axes` of the named fields of `value`."""
+def frozen_fields(value: Any, axes: Mapping[str, str], dtypes: Mapping[str, DTypeLike] = MappingProxyType({})) -> dict[str, int]:
+    """`freeze_fields` and `check_axes` of the fields that `axes` names.
+
+    Times in ns and ids (by the ends of their names) are int64, others float64, where `dtypes` does not have another type.
+    """
+    kinds = {name: np.int64 if name.endswith(("_ns", "_id")) else np.float64 for name in axes}
+    freeze_fields(value, {**kinds, **dtypes})
     return check_axes(type(value).__name__, {name: (getattr(value, name), text) for name, text in axes.items()})
 
 

@@ -56,7 +56,7 @@ class EncodedFrame:
     """One frame in the camera's own encoding; frames come in the order of their times, packets in that of decoding.
 
     Attributes:
-        codec: its name in FFmpeg, e.g. ``h264``. stamp_ns: presentation time on the stream's own clock.
+        stamp_ns: presentation time on the stream's own clock.
         packets: all that the decoder was given since the frame before; the frame's own is among these or earlier ones.
         number: how many packets the stream had before these: where some are missing, the next ones cannot be decoded.
         reorder_depth: most packets that precede another one and are shown after it; 0 where the orders are the same.
@@ -64,7 +64,6 @@ class EncodedFrame:
         header: an .mp4 without frames that has the stream's parameters.
     """
 
-    codec: str
     stamp_ns: int
     packets: tuple[Packet, ...]
     number: int

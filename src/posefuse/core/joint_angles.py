@@ -7,7 +7,7 @@ from types import MappingProxyType
 
 import numpy as np
 
-from .arrays import Array, check_fields, freeze_fields, taken
+from .arrays import Array, frozen_fields, taken
 from .errors import InputError, ShapeError, choices
 from .se3 import SE3
 from .skeleton import SIDES
@@ -29,8 +29,7 @@ class AngleSeries:
     sigma_rad: Array
 
     def __post_init__(self) -> None:
-        freeze_fields(self, dict.fromkeys(("t_s", "rad", "sigma_rad"), np.float64))
-        check_fields(self, dict.fromkeys(("t_s", "rad", "sigma_rad"), "T"))
+        frozen_fields(self, dict.fromkeys(("t_s", "rad", "sigma_rad"), "T"))
 
     @property
     def deg(self) -> Array:
@@ -76,8 +75,7 @@ class JointAngles:
     sigma_rad: Array
 
     def __post_init__(self) -> None:
-        freeze_fields(self, {"t_ns": np.int64, "person_id": np.int64, "angle_rad": np.float64, "sigma_rad": np.float64})
-        sizes = check_fields(self, {"t_ns": "T", "person_id": "N", "angle_rad": "T N J 3", "sigma_rad": "T N J 3"})
+        sizes = frozen_fields(self, {"t_ns": "T", "person_id": "N", "angle_rad": "T N J 3", "sigma_rad": "T N J 3"})
         if self.world_from_segment.batch != (sizes["T"], sizes["N"], len(self.segments)):
             raise ShapeError(f"JointAngles.world_from_segment: expected batch (T, N, S), got {self.world_from_segment.batch}")
         if not sizes["J"] == len(self.joints) == len(self.angle_names):
@@ -94,6 +92,11 @@ class JointAngles:
     def sigma_deg(self) -> Array:
         """Their standard deviations in degrees, (T, N, J, 3)."""
         return np.asarray(np.degrees(self.sigma_rad))
+
+    @property
+    def angles(self) -> list[tuple[str, str]]:
+        """Joint and name of each angle in the order of `angle_rad`."""
+        return [(joint, name) for joint, names in zip(self.joints, self.angle_names, strict=True) for name in names]
 
     def __len__(self) -> int:
         """How many time steps."""
@@ -145,7 +148,7 @@ class JointAngles:
 
 def angle_labels(joints: JointAngles, between: str) -> list[str]:
     """A name for each angle in the order of `angle_rad`: that of its joint, `between`, and its own."""
-    return [f"{joint}{between}{name}" for joint, names in zip(joints.joints, joints.angle_names, strict=True) for name in names]
+    return [f"{joint}{between}{name}" for joint, name in joints.angles]
 
 
 # Names that OpenSim uses for joint angles, as names of posefuse with a sign.

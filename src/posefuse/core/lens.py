@@ -64,26 +64,12 @@ def _brown(xy: Array, k: Array) -> tuple[Array, Array]:
         axis=-1,
     )
     d_prism_x, d_prism_y = k[8] + 2 * r2 * k[9], k[10] + 2 * r2 * k[11]
-    jacobian = np.stack(
-        [
-            np.stack(
-                [
-                    gain + 2 * x * x * d_gain + 2 * k[2] * y + 6 * k[3] * x + 2 * x * d_prism_x,
-                    2 * x * y * d_gain + 2 * k[2] * x + 2 * k[3] * y + 2 * y * d_prism_x,
-                ],
-                axis=-1,
-            ),
-            np.stack(
-                [
-                    2 * x * y * d_gain + 2 * k[2] * x + 2 * k[3] * y + 2 * x * d_prism_y,
-                    gain + 2 * y * y * d_gain + 6 * k[2] * y + 2 * k[3] * x + 2 * y * d_prism_y,
-                ],
-                axis=-1,
-            ),
-        ],
-        axis=-2,
-    )
-    return bent, jacobian
+    x_by_x = gain + 2 * x * x * d_gain + 2 * k[2] * y + 6 * k[3] * x + 2 * x * d_prism_x
+    y_by_y = gain + 2 * y * y * d_gain + 6 * k[2] * y + 2 * k[3] * x + 2 * y * d_prism_y
+    without_prism = 2 * x * y * d_gain + 2 * k[2] * x + 2 * k[3] * y
+    by_x = np.stack([x_by_x, without_prism + 2 * x * d_prism_y], axis=-1)
+    by_y = np.stack([without_prism + 2 * y * d_prism_x, y_by_y], axis=-1)
+    return bent, np.stack([by_x, by_y], axis=-1)
 
 
 def _brown_inverse(bent: Array, k: Array) -> Array:

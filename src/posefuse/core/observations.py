@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import DTypeLike
 
-from .arrays import Array, check_fields, freeze_fields, taken
+from .arrays import Array, frozen_fields, taken
 from .depth import joined_depth
 from .errors import ShapeError, choices
 from .skeleton import Skeleton
@@ -47,13 +47,10 @@ class DetectionBatch:
 
 
 _DTYPES: dict[str, DTypeLike] = {
-    "step_t_ns": np.int64,
     "frame_camera": np.int16,
-    "frame_t_ns": np.int64,
     "frame_step": np.int32,
     "frame_look": np.uint8,
     "n_detections": np.int32,
-    "person_id": np.int64,
 } | DETECTION_DTYPES
 _AXES = {
     "step_t_ns": "T",
@@ -114,8 +111,7 @@ class Observations:
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "camera_names", tuple(self.camera_names))
-        freeze_fields(self, _DTYPES)
-        sizes = check_fields(self, _AXES)
+        sizes = frozen_fields(self, _AXES, _DTYPES)
         check_keypoints(self, sizes)
         freeze_depth(self, np.float32)
         _check_range("frame_camera", self.frame_camera, 0, len(self.camera_names))
@@ -226,19 +222,13 @@ class Observations:
         return Observations(skeleton=first.skeleton, camera_names=first.camera_names, depth_m=joined_depth(parts), **joined)
 
     @staticmethod
-    def from_batches(
-        skeleton: Skeleton,
-        camera_names: Sequence[str],
-        batches: Sequence[DetectionBatch],
-        person_ids: Sequence[Sequence[Array]] | None = None,
-    ) -> Observations:
-        """The log of a recording.
+    def from_batches(skeleton: Skeleton, camera_names: Sequence[str], batches: Sequence[DetectionBatch]) -> Observations:
+        """The log of a recording; no people yet.
 
         Args:
             skeleton: of all detections.
             camera_names: axis C.
             batches: in the order in which they were made; every time step from 0 on has at least one.
-            person_ids: per batch and entry of it, the person of each detection; None: belongs to no person.
 
         Raises:
             ShapeError: a time step without a batch, a camera that is not among `camera_names`.
@@ -248,13 +238,11 @@ class Observations:
         if sorted(times) != list(range(len(times))):
             raise ShapeError("Observations: expected a batch for every time step from 0 on")
         log = observations_from_frames(skeleton, camera_names, frames)
-        ids = None if person_ids is None else [np.zeros(0), *(ids for batch in person_ids for ids in batch)]
         return replace(
             log,
             step_t_ns=np.array([times[step] for step in range(len(times))], np.int64),
             frame_step=np.array([batch.step for batch in batches for _ in batch.detections], np.int32),
             frame_look=np.array([batch.kind for batch in batches for _ in batch.detections], np.uint8),
-            person_id=log.person_id if ids is None else np.concatenate(ids),
         )
 
 

@@ -9,7 +9,7 @@ from enum import IntEnum
 import numpy as np
 from numpy.typing import DTypeLike
 
-from .arrays import Array, check_fields, freeze_fields, give_away, taken
+from .arrays import Array, frozen_fields, give_away, taken
 from .errors import InputError, ShapeError
 from .skeleton import Skeleton
 from .values import check_keypoints
@@ -49,8 +49,7 @@ class Pose3D:
     kind: Array
 
     def __post_init__(self) -> None:
-        freeze_fields(self, _POSE_DTYPES)
-        check_keypoints(self, check_fields(self, _POSE_AXES))
+        check_keypoints(self, frozen_fields(self, _POSE_AXES, _POSE_DTYPES))
 
     def __repr__(self) -> str:
         return f"Pose3D(at {self.t_ns} ns, people (ids) {self.person_id.tolist()}, {self.skeleton})"
@@ -72,14 +71,7 @@ def point_sigma_m(cov: Array) -> Array:
     return np.asarray(np.sqrt(np.trace(cov, axis1=-2, axis2=-1) / 3))
 
 
-_POSE_DTYPES: dict[str, DTypeLike] = {
-    "person_id": np.int64,
-    "xyz_world": np.float64,
-    "cov_world": np.float64,
-    "reproj_px": np.float64,
-    "n_views": np.uint8,
-    "kind": np.uint8,
-}
+_POSE_DTYPES: dict[str, DTypeLike] = {"n_views": np.uint8, "kind": np.uint8}
 _POSE_AXES = {
     "person_id": "N",
     "xyz_world": "N K 3",
@@ -116,9 +108,8 @@ class PoseSequence:
     kind: Array
 
     def __post_init__(self) -> None:
-        freeze_fields(self, {"t_ns": np.int64} | _POSE_DTYPES)
         axes = {name: text if name == "person_id" else f"T {text}" for name, text in _POSE_AXES.items()}
-        check_keypoints(self, check_fields(self, {"t_ns": "T"} | axes))
+        check_keypoints(self, frozen_fields(self, {"t_ns": "T"} | axes, _POSE_DTYPES))
         if (np.diff(self.t_ns) <= 0).any():
             raise ShapeError("PoseSequence.t_ns: expected strictly increasing times")
 
@@ -206,7 +197,7 @@ class WrittenPoses:
         sizes = {"N": len(person_id), "K": len(skeleton), "3": 3}
         # memory that is not written yet takes no room: of an hour it is much
         self._planes = {
-            name: np.empty((len(t_ns), *(sizes[axis] for axis in _POSE_AXES[name].split())), _POSE_DTYPES[name])
+            name: np.empty((len(t_ns), *(sizes[axis] for axis in _POSE_AXES[name].split())), _POSE_DTYPES.get(name, np.float64))
             for name in _PLANES
         }
 

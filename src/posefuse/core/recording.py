@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from .errors import ShapeError, choices
-from .observations import DetectionBatch, LookKind, Observations
+from .observations import Observations
 from .poses import PoseSequence
 from .rig import Rig
 from .view_sequences import ViewSequence, ViewsInParts
@@ -51,15 +51,6 @@ class Recording:
                 f"Recording: expected the observations' time steps to be the poses' {len(self.poses)}, or none (live), "
                 f"got {len(seen.step_t_ns)}"
             )
-
-    @staticmethod
-    def of_poses(rig: Rig, poses: PoseSequence, provenance: Mapping[str, Any]) -> Recording:
-        """A recording without what it was made from, which takes as much memory as the result."""
-        batches = [
-            DetectionBatch(step=i, t_ns=t_ns, kind=LookKind.EXPECTED, detections=()) for i, t_ns in enumerate(poses.t_ns.tolist())
-        ]
-        observations = Observations.from_batches(poses.skeleton, rig.names, batches)
-        return Recording(rig=rig, poses=poses, observations=observations, provenance=provenance)
 
     def __repr__(self) -> str:
         poses = self.poses

@@ -182,16 +182,14 @@ def wxyz_from_matrix(rotation: Array) -> Array:
     squares = np.stack([1 + d0 + d1 + d2, 1 + d0 - d1 - d2, 1 - d0 + d1 - d2, 1 - d0 - d1 + d2], axis=-1)
     yz, zx, xy = m[..., 2, 1], m[..., 0, 2], m[..., 1, 0]
     zy, xz, yx = m[..., 1, 2], m[..., 2, 0], m[..., 0, 1]
-    rows = np.stack(
-        [
-            np.stack([squares[..., 0], yz - zy, zx - xz, xy - yx], axis=-1),
-            np.stack([yz - zy, squares[..., 1], xy + yx, zx + xz], axis=-1),
-            np.stack([zx - xz, xy + yx, squares[..., 2], yz + zy], axis=-1),
-            np.stack([xy - yx, zx + xz, yz + zy, squares[..., 3]], axis=-1),
-        ],
-        axis=-2,
+    rows = (
+        (squares[..., 0], yz - zy, zx - xz, xy - yx),
+        (yz - zy, squares[..., 1], xy + yx, zx + xz),
+        (zx - xz, xy + yx, squares[..., 2], yz + zy),
+        (xy - yx, zx + xz, yz + zy, squares[..., 3]),
     )
+    table = np.stack([np.stack(row, axis=-1) for row in rows], axis=-2)
     best = np.argmax(np.where(np.isnan(squares), 0.0, squares), axis=-1)
-    wxyz = np.take_along_axis(rows, best[..., None, None], axis=-2)[..., 0, :]
+    wxyz = np.take_along_axis(table, best[..., None, None], axis=-2)[..., 0, :]
     wxyz = wxyz / np.linalg.norm(wxyz, axis=-1, keepdims=True)
     return np.asarray(np.where(wxyz[..., :1] < 0, -wxyz, wxyz))

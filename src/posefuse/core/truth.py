@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from .arrays import Array, check_fields, freeze_fields
+from .arrays import Array, frozen_fields
 from .errors import ShapeError
 from .joint_angles import JointAngles
 from .rig import Rig
@@ -30,8 +30,7 @@ class CameraTruth:
     visible: Array
 
     def __post_init__(self) -> None:
-        freeze_fields(self, {"t_ns": np.int64, "xy_img": np.float64, "visible": np.bool_})
-        check_fields(self, {"t_ns": "F", "xy_img": "F N K 2", "visible": "F N K"})
+        frozen_fields(self, {"t_ns": "F", "xy_img": "F N K 2", "visible": "F N K"}, {"visible": np.bool_})
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -56,8 +55,7 @@ class Truth:
     joints: JointAngles | None = None
 
     def __post_init__(self) -> None:
-        freeze_fields(self, {"t_ns": np.int64, "person_id": np.int64, "xyz_world": np.float64})
-        sizes = check_fields(self, {"t_ns": "T", "person_id": "N", "xyz_world": "T N K 3"})
+        sizes = frozen_fields(self, {"t_ns": "T", "person_id": "N", "xyz_world": "T N K 3"})
         check_keypoints(self, sizes)
         if tuple(view.camera for view in self.views) != self.rig.names:
             raise ShapeError("Truth.views: expected one entry per camera of the rig, in its order")

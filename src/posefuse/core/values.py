@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import DTypeLike
 
-from .arrays import Array, check_fields, freeze_fields, taken
+from .arrays import Array, freeze_fields, frozen_fields, taken
 from .errors import ShapeError
 from .skeleton import Skeleton
 
@@ -55,12 +55,17 @@ def freeze_depth(value: Any, dtype: DTypeLike) -> None:
 
 def check_views(value: Any, axes: Mapping[str, str]) -> None:
     """Freeze and check the arrays of `Views` or `ViewSequence`, whose axes are `axes`."""
-    freeze_fields(value, {name: np.int64 if name in ("t_ns", "person_id") else np.float64 for name in axes})
-    sizes = check_fields(value, axes)
+    sizes = frozen_fields(value, axes)
     check_keypoints(value, sizes)
     freeze_depth(value, np.float64)
     if sizes["C"] != len(value.camera_names):
         raise ShapeError(f"{type(value).__name__}: {len(value.camera_names)} camera names, arrays have {sizes['C']} cameras")
+
+
+def unseen_planes(shape: tuple[int, ...], with_depth: bool = False) -> dict[str, Array]:
+    """Arrays of keypoints (...) that no one saw, to be filled: ``score``, ``sigma_px``, and ``xy_img``, ``depth_m`` (..., 2)."""
+    planes = {"xy_img": np.full((*shape, 2), np.nan), "score": np.zeros(shape), "sigma_px": np.full(shape, np.nan)}
+    return {**planes, "depth_m": np.full((*shape, 2), np.nan)} if with_depth else planes
 
 
 def keypoint_boxes(xy_img: Array, score: Array) -> Array:
@@ -86,8 +91,7 @@ class Region:
     angle_rad: float = 0.0
 
     def __post_init__(self) -> None:
-        freeze_fields(self, {"centre_img": np.float64})
-        check_fields(self, {"centre_img": "2"})
+        frozen_fields(self, {"centre_img": "2"})
         if not (np.isfinite(self.centre_img).all() and self.side_px > 0 and np.isfinite(self.angle_rad)):
             raise ShapeError(
                 f"Region: expected finite centre, angle and side > 0, got {self.centre_img}, {self.angle_rad}, {self.side_px}"
@@ -129,8 +133,7 @@ class Detections2D:
             object.__setattr__(self, "clothing_lab", np.full((people, 3, 3), np.nan))
         if not len(self.track_id):
             object.__setattr__(self, "track_id", np.full(people, NO_TRACK))
-        freeze_fields(self, DETECTION_DTYPES)
-        check_keypoints(self, check_fields(self, DETECTION_ARRAYS))
+        check_keypoints(self, frozen_fields(self, DETECTION_ARRAYS, DETECTION_DTYPES))
         freeze_depth(self, np.float32)
 
     def __repr__(self) -> str:
@@ -191,25 +194,14 @@ class Views:
     @staticmethod
     def of(detections: Sequence[Detections2D], t_ns: int, person_id: Array, place: Array) -> Views:
         """People (N,) whose detection in camera c is number place[n, c], or `UNSEEN`; one `Detections2D` per camera."""
-        people, cameras, skeleton = len(person_id), len(detections), detections[0].skeleton
-        xy = np.full((people, cameras, len(skeleton), 2), np.nan)
-        score, sigma = np.zeros(xy.shape[:-1]), np.full(xy.shape[:-1], np.nan)
-        depth = None if all(seen.depth_m is None for seen in detections) else np.full(xy.shape, np.nan)
+        skeleton, with_depth = detections[0].skeleton, any(seen.depth_m is not None for seen in detections)
+        planes = unseen_planes((*place.shape, len(skeleton)), with_depth)
         for row, c in np.argwhere(place != UNSEEN):
-            seen, p = detections[c], place[row, c]
-            xy[row, c], score[row, c], sigma[row, c] = seen.xy_img[p], seen.score[p], seen.sigma_px[p]
-            if depth is not None and seen.depth_m is not None:
-                depth[row, c] = seen.depth_m[p]
-        return Views(
-            t_ns=t_ns,
-            skeleton=skeleton,
-            camera_names=tuple(seen.camera for seen in detections),
-            person_id=person_id,
-            xy_img=xy,
-            score=score,
-            sigma_px=sigma,
-            depth_m=depth,
-        )
+            for name, plane in planes.items():
+                if (values := getattr(detections[c], name)) is not None:
+                    plane[row, c] = values[place[row, c]]
+        names = tuple(seen.camera for seen in detections)
+        return Views(t_ns=t_ns, skeleton=skeleton, camera_names=names, person_id=person_id, **planes)
 
     def people(self, which: Array) -> Views:
         """These people only: `which` is (N,) bool, or their places on axis N in the order wanted."""

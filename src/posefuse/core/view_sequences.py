@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from typing import Protocol
 
@@ -11,7 +11,7 @@ import numpy as np
 from .arrays import Array, give_away, taken
 from .observations import LIVE_STEP, NOT_KEPT, Observations
 from .skeleton import Skeleton, exchange_sides
-from .values import VIEW_ARRAYS, Views, check_views
+from .values import VIEW_ARRAYS, Views, check_views, unseen_planes
 
 # a frame this close to its time step counts as taken at it
 _SAME_TIME_NS = 200_000
@@ -65,21 +65,9 @@ class ViewSequence:
         return replace(self, person_id=self.person_id[which], **taken(self, _PLANES, (slice(None), which)))
 
 
-def views_over_time(
-    observations: Observations, person_id: Iterable[int], t_ns: Array | None = None, gap_ns: int = 0
-) -> ViewSequence:
-    """Every camera's keypoints of these people, brought to common times.
-
-    A camera whose frames lie between these times gets keypoints interpolated linearly between its two frames around
-    each, so that cameras without hardware synchronisation agree on moving people. Where the detector confused left and right
-    of a limb in one of the two, the limb keeps the sides that the nearer frame gives it.
-
-    Args:
-        observations: of a recording, or of a live session. person_id: (N,) in this order.
-        t_ns: (T,) times, for a live session, of which not every frame was used; None: the observations' own time steps.
-        gap_ns: with `t_ns`: a camera's frames this far apart are interpolated between, even if frames are missing there.
-    """
-    return ViewsInParts(observations, person_id, t_ns, gap_ns).part(slice(None))
+def views_over_time(observations: Observations, person_id: Iterable[int]) -> ViewSequence:
+    """Every camera's keypoints of these people (N,) at the observations' own time steps, see `ViewsInParts`."""
+    return ViewsInParts(observations, person_id).part(slice(None))
 
 
 class PartsOfViews(Protocol):
@@ -96,7 +84,17 @@ class PartsOfViews(Protocol):
 
 
 class ViewsInParts:
-    """What `views_over_time` gives, made for a part of the time steps when it is asked for: all of an hour takes much memory."""
+    """Every camera's keypoints of people, brought to common times a part at a time: all of an hour takes much memory.
+
+    A camera whose frames lie between these times gets keypoints interpolated linearly between its two frames around
+    each, so that cameras without hardware synchronisation agree on moving people. Where the detector confused left and right
+    of a limb in one of the two, the limb keeps the sides that the nearer frame gives it.
+
+    Args:
+        observations: of a recording, or of a live session. person_id: (N,) in this order.
+        t_ns: (T,) times, for a live session, of which not every frame was used; None: the observations' own time steps.
+        gap_ns: with `t_ns`: a camera's frames this far apart are interpolated between, even if frames are missing there.
+    """
 
     def __init__(self, observations: Observations, person_id: Iterable[int], t_ns: Array | None = None, gap_ns: int = 0) -> None:
         self._times = t_ns, gap_ns
@@ -115,19 +113,14 @@ class ViewsInParts:
         """The views of these time steps, to the last bit as they are in the whole."""
         seen, t_ns = self._seen, self.t_ns[steps]
         shape = (len(t_ns), len(self._ids), len(seen.camera_names), len(seen.skeleton))
-        xy, score, sigma = np.full((*shape, 2), np.nan), np.zeros(shape), np.full(shape, np.nan)
-        depth = None if seen.depth_m is None else np.full((*shape, 2), np.nan)
+        planes = unseen_planes(shape, seen.depth_m is not None)
         for c, track in enumerate(self._tracks):
             if len(track.t_ns) and len(t_ns):
                 found = _at_times(t_ns, *track.around(steps, seen, self._ids), track.reach_ns, seen.skeleton)
-                xy[:, :, c], score[:, :, c], sigma[:, :, c] = found.xy, found.score, found.sigma
-                if depth is not None:
-                    depth[:, :, c] = found.depth
-        give_away(xy, score, sigma)
-        return ViewSequence(
-            t_ns=t_ns, skeleton=seen.skeleton, camera_names=seen.camera_names, person_id=self._ids, xy_img=xy, score=score,
-            sigma_px=sigma, depth_m=depth,
-        )  # fmt: skip
+                for name, plane in planes.items():
+                    plane[:, :, c] = found.planes[name]
+        give_away(*planes.values())
+        return ViewSequence(t_ns=t_ns, skeleton=seen.skeleton, camera_names=seen.camera_names, person_id=self._ids, **planes)
 
 
 def people_in(observations: Observations) -> tuple[Array, Array]:
@@ -141,17 +134,14 @@ def people_in(observations: Observations) -> tuple[Array, Array]:
 
 @dataclass(frozen=True, eq=False)
 class _CameraFrames:
-    """One camera's frames in the order of their times: (F,), (F, N, K, 2), (F, N, K), (F, N, K), (F, N, K, 2) or None."""
+    """One camera's frames in the order of their times (F,), with the planes (F, N, K, ...) of `unseen_planes`."""
 
     t_ns: Array
-    xy: Array
-    score: Array
-    sigma: Array
-    depth: Array | None
+    planes: Mapping[str, Array]
 
     def at(self, places: Array) -> _CameraFrames:
         """A copy of the frames at these places."""
-        return _CameraFrames(**taken(self, vars(self), places))
+        return _CameraFrames(self.t_ns[places], {name: plane[places] for name, plane in self.planes.items()})
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -224,15 +214,11 @@ def _period_ns(t_ns: Array) -> float:
 def _filled(observations: Observations, t_ns: Array, rows: Array, places: Array, ids: Array) -> _CameraFrames:
     """Detections `rows` of people `ids`, each in the frame at its place."""
     by_id = np.argsort(ids)
-    shape = (len(t_ns), len(ids), len(observations.skeleton))
-    xy, score, sigma = np.full((*shape, 2), np.nan), np.zeros(shape), np.full(shape, np.nan)
+    planes = unseen_planes((len(t_ns), len(ids), len(observations.skeleton)), observations.depth_m is not None)
     at = (places, by_id[np.searchsorted(ids[by_id], observations.person_id[rows])]) if len(ids) else (places, places)
-    xy[at], score[at], sigma[at] = observations.xy_img[rows], observations.score[rows], observations.sigma_px[rows]
-    depth = None
-    if observations.depth_m is not None:
-        depth = np.full((*shape, 2), np.nan)
-        depth[at] = observations.depth_m[rows]
-    return _CameraFrames(t_ns, xy, score, sigma, depth)
+    for name, plane in planes.items():
+        plane[at] = getattr(observations, name)[rows]
+    return _CameraFrames(t_ns, planes)
 
 
 def _at_times(t_ns: Array, frames: _CameraFrames, own: Array, alone: Array, reach_ns: float, skeleton: Skeleton) -> _CameraFrames:
@@ -253,24 +239,17 @@ def _at_times(t_ns: Array, frames: _CameraFrames, own: Array, alone: Array, reac
     before, after = found.at(i), frames.at(other[i])
     _name_sides_like(before, after, skeleton)
     share = np.clip(-late_ns[i] / span_ns, 0, 1)[:, None, None]
-    blended = (before.score > 0) & (after.score > 0)
-    found.xy[i] = np.where(blended[..., None], _between(before.xy, after.xy, share[..., None]), before.xy)
-    # a detector errs alike in neighbouring frames, so blending two does not make it surer
-    found.sigma[i] = np.where(blended, _between(before.sigma, after.sigma, share), before.sigma)
-    found.score[i] = np.where(blended, np.minimum(before.score, after.score), before.score)
-    if found.depth is not None and before.depth is not None and after.depth is not None:
-        found.depth[i] = np.where(blended[..., None], _between(before.depth, after.depth, share[..., None]), before.depth)
-    both = np.zeros(found.score.shape, np.bool_)
+    blended = (before.planes["score"] > 0) & (after.planes["score"] > 0)
+    both = np.zeros(found.planes["score"].shape, np.bool_)
     both[i] = blended
     unseen = ~both & ~alone[:, None, None]
-    found.xy[unseen], found.score[unseen], found.sigma[unseen] = np.nan, 0.0, np.nan
-    if found.depth is not None:
-        found.depth[unseen] = np.nan
+    for name, plane in found.planes.items():
+        one, two, wide = before.planes[name], after.planes[name], (..., *[None] * (plane.ndim - 3))
+        # a detector errs alike in neighbouring frames, so blending two does not make it surer
+        between = np.minimum(one, two) if name == "score" else one * (1 - share[wide]) + two * share[wide]
+        plane[i] = np.where(blended[wide], between, one)
+        plane[unseen] = 0.0 if name == "score" else np.nan
     return found
-
-
-def _between(before: Array, after: Array, share: Array) -> Array:
-    return np.asarray(before * (1 - share) + after * share)
 
 
 def _name_sides_like(own: _CameraFrames, other: _CameraFrames, skeleton: Skeleton) -> None:
@@ -280,14 +259,14 @@ def _name_sides_like(own: _CameraFrames, other: _CameraFrames, skeleton: Skeleto
     correction of sides can mend it.
     """
     for left, right in skeleton.limbs:
-        seen = np.all([one.score[..., limb] > 0 for one in (own, other) for limb in (left, right)], axis=0)
+        seen = np.all([one.planes["score"][..., limb] > 0 for one in (own, other) for limb in (left, right)], axis=0)
         as_named = _away_px(own, other, left, left) + _away_px(own, other, right, right)
         exchanged = _away_px(own, other, left, right) + _away_px(own, other, right, left)
         wrong = np.where(seen, as_named - exchanged, 0.0).sum(axis=-1) > 0
-        for plane in (other.xy, other.score, other.sigma, *(() if other.depth is None else (other.depth,))):
+        for plane in other.planes.values():
             exchange_sides(plane, wrong, left, right)
 
 
 def _away_px(own: _CameraFrames, other: _CameraFrames, limb: Array, other_limb: Array) -> Array:
     """(F, N, k) from keypoints `limb` of one frame to keypoints `other_limb` of the other frame."""
-    return np.asarray(np.linalg.norm(other.xy[..., other_limb, :] - own.xy[..., limb, :], axis=-1))
+    return np.asarray(np.linalg.norm(other.planes["xy_img"][..., other_limb, :] - own.planes["xy_img"][..., limb, :], axis=-1))

@@ -124,13 +124,7 @@ class Comparison:
             "drift_mm_per_m": self.drift_mm_per_m,
             "walked_m": float(self.walked_m[-1]),
             "points": {
-                point: {
-                    "mean_mm": float(errors.mean_mm[k]),
-                    "sd_mm": float(errors.sd_mm[k]),
-                    "median_mm": float(errors.median_mm[k]),
-                    "p95_mm": float(errors.p95_mm[k]),
-                    "found": float(errors.found[k]),
-                }
+                point: {name: float(getattr(errors, name)[k]) for name in ("mean_mm", "sd_mm", "median_mm", "p95_mm", "found")}
                 for k, point in enumerate(self.points)
             },
         }

@@ -50,28 +50,13 @@ QUALITY_COLUMNS = ("keypoint", "measured", "filled", "cameras", "reprojection px
 CAMERA_COLUMNS = ("camera", "person seen", "of it left out", "reprojection px", "in standard deviations")
 
 
-@dataclass(frozen=True)
-class KeypointQuality:
-    """One keypoint of one person over a recording.
+def quality_rows(recording: Recording, person: int) -> list[list[Any]]:
+    """Rows under `QUALITY_COLUMNS` of the person at this place of axis N.
 
-    Attributes:
-        keypoint: its name. found: share of time steps with a measured 3D point. filled: share filled from neighbours.
-        views: median number of cameras used. reproj_px: median reprojection error.
-        sigma_mm: median standard deviation, root of the mean variance of the three axes.
-        longest_gap_s: longest time without a measured point.
+    Share of time steps with a measured 3D point, and of those filled from neighbours; medians of the cameras used, of the
+    reprojection error and of the standard deviation (root of the mean variance of the axes); longest time without a measured
+    point. A keypoint that is measured in less than half of the time stands out.
     """
-
-    keypoint: str
-    found: float
-    filled: float
-    views: float
-    reproj_px: float
-    sigma_mm: float
-    longest_gap_s: float
-
-
-def keypoint_quality(recording: Recording, person: int) -> list[KeypointQuality]:
-    """Quality of every keypoint of the person at this place of axis N."""
     poses = recording.poses
     t_s = poses.t_ns * 1e-9
     rows = []
@@ -80,30 +65,15 @@ def keypoint_quality(recording: Recording, person: int) -> list[KeypointQuality]
         known = np.isfinite(poses.xyz_world[:, person, k, 0])
         measured = known & np.isin(kind, (Kind.FUSED, Kind.SMOOTHED))
         variance = np.trace(poses.cov_world[:, person, k], axis1=-2, axis2=-1) / 3
-        rows.append(
-            KeypointQuality(
-                keypoint=name,
-                found=_share(measured),
-                filled=_share(known & ~measured),
-                views=known_median(views[measured].astype(float)),
-                reproj_px=known_median(poses.reproj_px[:, person, k][measured]),
-                sigma_mm=1e3 * float(np.sqrt(known_median(variance[known]))),
-                longest_gap_s=_longest_gap(t_s, measured),
-            )
-        )
+        found, filled = _share(measured), _share(known & ~measured)
+        row = [
+            Cell(name.replace("_", " "), "" if found > 0.5 else "bad"), f"{100 * found:.0f} %", f"{100 * filled:.0f} %",
+            number_text(known_median(views[measured].astype(float)), 0),
+            number_text(known_median(poses.reproj_px[:, person, k][measured]), 1),
+            number_text(1e3 * float(np.sqrt(known_median(variance[known]))), 1), number_text(longest_gap(t_s, measured), 2),
+        ]  # fmt: skip
+        rows.append(row)
     return rows
-
-
-def quality_rows(recording: Recording, person: int) -> list[list[Any]]:
-    """Rows under `QUALITY_COLUMNS`; a keypoint that is measured in less than half of the time stands out."""
-    return [
-        [
-            Cell(k.keypoint.replace("_", " "), "" if k.found > 0.5 else "bad"),
-            f"{100 * k.found:.0f} %", f"{100 * k.filled:.0f} %", number_text(k.views, 0), number_text(k.reproj_px, 1),
-            number_text(k.sigma_mm, 1), number_text(k.longest_gap_s, 2),
-        ]
-        for k in keypoint_quality(recording, person)
-    ]  # fmt: skip
 
 
 def camera_rows(fits: Mapping[str, Mapping[str, float]]) -> list[list[Any]]:
@@ -128,7 +98,8 @@ def _share(mask: Array) -> float:
     return float(mask.mean()) if len(mask) else float("nan")
 
 
-def _longest_gap(t_s: Array, measured: Array) -> float:
+def longest_gap(t_s: Array, measured: Array) -> float:
+    """Longest time without a measured point (T,); 0 where none is missing."""
     if not len(t_s):
         return float("nan")
     at = t_s[measured]
@@ -274,7 +245,7 @@ def _quality(recording: Recording, n: int, name: str) -> list[Block]:
     ]
     if picture.size:
         caption = "Cameras used per keypoint (rows, in the order of the table) over time: red none, blue all."
-        blocks.append(Images({caption: picture}, lossless=True, raster=True))
+        blocks.append(Images({caption: picture}, raster=True))
     return [*blocks, rows]
 
 

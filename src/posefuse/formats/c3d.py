@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from posefuse.core import InputError, ShapeError
-from posefuse.core.arrays import Array, check_fields, freeze_fields, frozen
+from posefuse.core.arrays import Array, frozen_fields
 from posefuse.core.errors import choices
 from posefuse.foundation.output_file import atomic_file
 
@@ -67,10 +67,9 @@ class C3dData:
     events: tuple[C3dEvent, ...] = ()
 
     def __post_init__(self) -> None:
-        freeze_fields(self, dict.fromkeys(("xyz_world", "sigma_m", "angle_rad"), np.float64))
         if not self.angle_names:
-            object.__setattr__(self, "angle_rad", frozen(np.zeros((len(self.xyz_world), 0, 3)), np.float64, "C3dData.angle_rad"))
-        sizes = check_fields(self, {"xyz_world": "T K 3", "sigma_m": "T K", "angle_rad": "T A 3"})
+            object.__setattr__(self, "angle_rad", np.zeros((len(self.xyz_world), 0, 3)))
+        sizes = frozen_fields(self, {"xyz_world": "T K 3", "sigma_m": "T K", "angle_rad": "T A 3"})
         if (sizes["K"], sizes["A"]) != (len(self.names), len(self.angle_names)):
             raise ShapeError(f"C3dData: {len(self.names)} names, {len(self.angle_names)} angle names; arrays have {sizes}")
         if not (np.isfinite(self.rate_hz) and self.rate_hz > 0):
@@ -123,7 +122,9 @@ def _described(data: C3dData, labels: list[str], step_mm: float) -> Any:
     point["DESCRIPTIONS"]["value"] = labels
     point["UNITS"]["value"] = ["mm"]
     point["SCALE"]["value"] = np.array([-step_mm])  # negative: stored as floating point
-    _add_parameters(file, data)
+    for group, parameters in _parameters(data).items():
+        for name, values in parameters.items():
+            file.add_parameter(group, name, values)
     return file
 
 
@@ -174,36 +175,30 @@ def read_c3d(path: Path | str) -> C3dData:
     )
 
 
-def _add_parameters(file: Any, data: C3dData) -> None:
+def _parameters(data: C3dData) -> dict[str, dict[str, Any]]:
+    """What a file states beyond its points, by group and name."""
     # the axes on the screen of viewers: X to the right, Z up
-    file.add_parameter("POINT", "X_SCREEN", "+X")
-    file.add_parameter("POINT", "Y_SCREEN", "+Z")
+    groups: dict[str, dict[str, Any]] = {"POINT": {"X_SCREEN": "+X", "Y_SCREEN": "+Z"}}
     if data.angle_names:
-        file.add_parameter("POINT", "ANGLES", list(data.angle_names))
-        file.add_parameter("POINT", "ANGLE_UNITS", "deg")
-        file.add_parameter("POINT", "TYPE_GROUPS", ["ANGLES", "ANGLE"])
+        groups["POINT"] |= {"ANGLES": list(data.angle_names), "ANGLE_UNITS": "deg", "TYPE_GROUPS": ["ANGLES", "ANGLE"]}
     if data.subject:
-        _add_group(file, "SUBJECTS", USED=[1], NAMES=[data.subject], USES_PREFIXES=[0], LABEL_PREFIXES=[""])
+        groups["SUBJECTS"] = {"USED": [1], "NAMES": [data.subject], "USES_PREFIXES": [0], "LABEL_PREFIXES": [""]}
     if events := data.events[:_NAMES_PER_PARAMETER]:
         # a time is minutes and seconds; readers add them up
         times = np.array([[0.0, event.t_s] for event in events]).T
         sides, labels = [event.side.title() for event in events], [_EVENT_LABELS[event.kind] for event in events]
         subjects = [data.subject] * len(events)
-        _add_group(file, "EVENT", USED=[len(events)], CONTEXTS=sides, LABELS=labels, TIMES=times, SUBJECTS=subjects)
-    file.add_parameter("MANUFACTURER", "COMPANY", "posefuse")
-    file.add_parameter("MANUFACTURER", "SOFTWARE", "posefuse")
-    file.add_parameter("MANUFACTURER", "VERSION_LABEL", data.about.get("VERSION", ""))
-    for key, text in data.about.items():
-        pieces = [text[i : i + _TEXT_PIECE] for i in range(0, len(text), _TEXT_PIECE)] or [""]
-        if len(pieces) > _TEXT_PIECES:
-            raise InputError(f"C3D parameter POSEFUSE:{key}: too long ({len(text)} characters)")
-        # ends of strings are padded away in C3D: a mark keeps blanks at the end of a piece
-        file.add_parameter("POSEFUSE", key, [f"{piece}|" for piece in pieces])
+        groups["EVENT"] = {"USED": [len(events)], "CONTEXTS": sides, "LABELS": labels, "TIMES": times, "SUBJECTS": subjects}
+    groups["MANUFACTURER"] = {"COMPANY": "posefuse", "SOFTWARE": "posefuse", "VERSION_LABEL": data.about.get("VERSION", "")}
+    return {**groups, "POSEFUSE": {key: _pieces(key, text) for key, text in data.about.items()}}
 
 
-def _add_group(file: Any, group: str, **parameters: list[Any] | Array) -> None:
-    for name, values in parameters.items():
-        file.add_parameter(group, name, values)
+def _pieces(key: str, text: str) -> list[str]:
+    pieces = [text[i : i + _TEXT_PIECE] for i in range(0, len(text), _TEXT_PIECE)] or [""]
+    if len(pieces) > _TEXT_PIECES:
+        raise InputError(f"C3D parameter POSEFUSE:{key}: too long ({len(text)} characters)")
+    # ends of strings are padded away in C3D: a mark keeps blanks at the end of a piece
+    return [f"{piece}|" for piece in pieces]
 
 
 def _about(parameters: Mapping[str, Group]) -> dict[str, str]:

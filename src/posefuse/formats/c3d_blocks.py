@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, NoReturn
+from typing import Any, NamedTuple, NoReturn
 
 import numpy as np
 
@@ -48,14 +48,13 @@ class C3dBlocks:
     residual: Array
 
 
-@dataclass(frozen=True, kw_only=True)
-class _Header:
+class _Header(NamedTuple):
     points: int
     analog: int
     first: int
     last: int
-    scale: float
     data_block: int
+    scale: float
 
 
 def read_blocks(path: Path) -> C3dBlocks:
@@ -136,14 +135,8 @@ class _Numbers:
 
 def _header(numbers: _Numbers) -> _Header:
     words = numbers.array(0, 12, "u2", "header")
-    header = _Header(
-        points=int(words[1]),
-        analog=int(words[2]),
-        first=int(words[3]),
-        last=int(words[4]),
-        scale=float(numbers.one(12, "f4", "header")),
-        data_block=int(words[8]),
-    )
+    points, analog, first, last, data_block = words[[1, 2, 3, 4, 8]].tolist()
+    header = _Header(points, analog, first, last, data_block, numbers.one(12, "f4", "header"))
     if not np.isfinite(header.scale) or header.scale == 0:
         numbers.fail(f"header: expected a scale other than 0, got {header.scale}")
     if not 1 < header.data_block <= len(numbers) // BLOCK_BYTES + 1:

@@ -22,22 +22,15 @@ import numpy as np
 
 from posefuse.core import DetectionBatch, Detections2D, InputError, LookKind, PosefuseError, Skeleton
 from posefuse.core.arrays import Array
+from posefuse.core.values import DETECTION_ARRAYS, DETECTION_DTYPES
 
 LOG_FILE = "detections.log"
 _MAGIC = b"posefuse detections 2\n"
 _FRAME = struct.Struct("<II")  # bytes of the record, CRC-32
 _BATCH = struct.Struct("<iqBH")  # time step, its ns, look, frames
 _CAMERA = struct.Struct("<HqH")  # camera, exposure ns, detections
-# arrays of a detection in their order: type, and shape per person; 0: the number of keypoints
-_ARRAYS: dict[str, tuple[str, tuple[int, ...]]] = {
-    "xy_img": ("<f4", (0, 2)),
-    "score": ("<f4", (0,)),
-    "sigma_px": ("<f4", (0,)),
-    "box_img": ("<f4", (4,)),
-    "clothing_lab": ("<f4", (3, 3)),
-    "track_id": ("<i8", ()),
-}
-_DEPTH: tuple[str, tuple[int, ...]] = ("<f4", (0, 2))
+# arrays of a detection in their order: type, and axes
+_ARRAYS = {name: (np.dtype(DETECTION_DTYPES[name]).newbyteorder("<"), axes.split()) for name, axes in DETECTION_ARRAYS.items()}
 _WITH_DEPTH = 1 << 15  # the mark
 _LARGEST = 1 << 28  # bytes of one record; more is a damaged length
 _SYNC_S = 2.0  # seconds of work that a power failure may cost
@@ -48,18 +41,15 @@ class StoredDetections:
     """The whole records of a log.
 
     Attributes:
-        skeleton: of all detections. camera_names: axis C. made_with: plain JSON values that identify inputs and settings.
+        made_with: plain JSON values that identify inputs and settings.
         batches: in the order in which they were made. ends: byte in the file after each.
-        begin: byte at which the first record begins. cut: bytes at the end that are no whole record.
+        begin: byte at which the first record begins.
     """
 
-    skeleton: Skeleton
-    camera_names: tuple[str, ...]
     made_with: Mapping[str, Any]
     batches: tuple[DetectionBatch, ...]
     ends: tuple[int, ...]
     begin: int
-    cut: int
 
     def whole_steps(self) -> tuple[tuple[DetectionBatch, ...], int]:
         """The batches of all time steps but the last, which may lack a look, and the byte in the file after them."""
@@ -135,7 +125,7 @@ def is_in_use(path: Path) -> bool:
 
 
 def read_log(path: Path) -> StoredDetections:
-    """All whole records of a log; a tail that was cut off is left out and counted.
+    """All whole records of a log; a tail that was cut off is left out.
 
     Raises:
         InputError: the file cannot be read or is no log.
@@ -152,23 +142,12 @@ def read_log(path: Path) -> StoredDetections:
         raise InputError(f"{path}: the header is cut off; nothing can be read from it")
     about, begin = json.loads(header[0]), header[1]
     try:
-        skeleton = Skeleton(**{**about["skeleton"], "bones": tuple(map(tuple, about["skeleton"]["bones"]))})
-        names = tuple(about["camera_names"])
-        batches, ends = [], [begin]
-        for record, end in records:
-            batches.append(_batch_of(record, skeleton, names))
-            ends.append(end)
+        skeleton, names = Skeleton(**about["skeleton"]), tuple(about["camera_names"])
+        found = [(_batch_of(record, skeleton, names), end) for record, end in records]
     except (KeyError, TypeError, ValueError, IndexError, struct.error, PosefuseError) as error:
         raise InputError(f"{path}: a record is not as it was written ({error})") from None
-    return StoredDetections(
-        skeleton=skeleton,
-        camera_names=names,
-        made_with=about["made_with"],
-        batches=tuple(batches),
-        ends=tuple(ends[1:]),
-        begin=begin,
-        cut=len(content) - ends[-1],
-    )
+    batches, ends = tuple(batch for batch, _ in found), tuple(end for _, end in found)
+    return StoredDetections(made_with=about["made_with"], batches=batches, ends=ends, begin=begin)
 
 
 def _records(content: bytes, at: int) -> Iterator[tuple[bytes, int]]:
@@ -192,26 +171,31 @@ def _bytes_of(batch: DetectionBatch, names: tuple[str, ...]) -> bytes:
     for one in batch.detections:
         mark = 0 if one.depth_m is None else _WITH_DEPTH
         parts.append(_CAMERA.pack(names.index(one.camera) | mark, one.t_ns, len(one)))
-        parts += [np.ascontiguousarray(getattr(one, name), dtype).tobytes() for name, (dtype, _) in _ARRAYS.items()]
-        if one.depth_m is not None:
-            parts.append(np.ascontiguousarray(one.depth_m, _DEPTH[0]).tobytes())
+        layout = _layout(mark)
+        parts += [np.ascontiguousarray(getattr(one, name), dtype).tobytes() for name, (dtype, _) in layout.items()]
     return b"".join(parts)
 
 
+def _layout(mark: int) -> Mapping[str, tuple[np.dtype[Any], list[str]]]:
+    """The arrays of a camera whose number carries this mark."""
+    return {**_ARRAYS, "depth_m": _ARRAYS["xy_img"]} if mark else _ARRAYS
+
+
 def _batch_of(record: bytes, skeleton: Skeleton, names: tuple[str, ...]) -> DetectionBatch:
-    stream, k = BytesIO(record), len(skeleton)
+    stream = BytesIO(record)
     step, t_ns, kind, frames = _BATCH.unpack(stream.read(_BATCH.size))
     detections = []
     for _ in range(frames):
         camera, exposed_ns, people = _CAMERA.unpack(stream.read(_CAMERA.size))
-        layout = _ARRAYS | ({"depth_m": _DEPTH} if camera & _WITH_DEPTH else {})
-        arrays = {name: _read(stream, dtype, (people, *(s or k for s in shape))) for name, (dtype, shape) in layout.items()}
+        sizes, layout = {"P": people, "K": len(skeleton)}, _layout(camera & _WITH_DEPTH)
+        arrays = {name: _read(stream, dtype, axes, sizes) for name, (dtype, axes) in layout.items()}
         detections.append(Detections2D(camera=names[camera & ~_WITH_DEPTH], t_ns=exposed_ns, skeleton=skeleton, **arrays))
     return DetectionBatch(step=step, t_ns=t_ns, kind=LookKind(kind), detections=tuple(detections))
 
 
-def _read(stream: BytesIO, dtype: str, shape: tuple[int, ...]) -> Array:
-    return np.frombuffer(stream.read(np.dtype(dtype).itemsize * int(np.prod(shape))), dtype).reshape(shape)
+def _read(stream: BytesIO, dtype: np.dtype[Any], axes: list[str], sizes: Mapping[str, int]) -> Array:
+    shape = [sizes[axis] if axis in sizes else int(axis) for axis in axes]
+    return np.frombuffer(stream.read(dtype.itemsize * int(np.prod(shape))), dtype).reshape(shape)
 
 
 def _write_all(file: BinaryIO, content: bytes) -> None:

@@ -1,4 +1,4 @@
-"""glTF 2.0 animation of a skeleton, in one .glb: a node per joint, its bones as lines or under a skin. Write only.
+"""glTF 2.0 animation of a skeleton under a skin, in one .glb: a node per joint, and a mesh. Write only.
 
 glTF is metres, Y up, quaternions xyzw; the motion given must already be in these axes.
 """
@@ -21,7 +21,7 @@ from posefuse.foundation.output_file import atomic_file
 
 from .bvh import BvhData
 
-_FLOAT, _UINT8, _UINT16, _LINES, _TRIANGLES = 5126, 5121, 5123, 1, 4
+_FLOAT, _UINT8, _UINT16, _TRIANGLES = 5126, 5121, 5123, 4
 _SKIN_RGBA = [0.72, 0.74, 0.78, 1.0]
 _MAGIC, _JSON, _BIN = 0x46546C67, 0x4E4F534A, 0x004E4942
 
@@ -43,8 +43,8 @@ class Skin:
     joint_from_mesh: Array
 
 
-def write_gltf(path: Path | str, data: BvhData, skin: Skin | None = None) -> None:
-    """Write a .glb of the motion: bones as lines or, with a skin, a mesh that moves with them.
+def write_gltf(path: Path | str, data: BvhData, skin: Skin) -> None:
+    """Write a .glb of the motion and of the mesh that moves with it.
 
     Raises:
         InputError: missing values, another ending, or a place that cannot be written to.
@@ -57,7 +57,6 @@ def write_gltf(path: Path | str, data: BvhData, skin: Skin | None = None) -> Non
     buffer = _Buffer()
     time = buffer.add((np.arange(len(data)) * data.frame_s)[:, None], "SCALAR")
     nodes: list[dict[str, Any]] = []
-    meshes: list[dict[str, Any]] = []
     samplers: list[dict[str, Any]] = []
     channels: list[dict[str, Any]] = []
     for j, name in enumerate(data.names):
@@ -66,29 +65,19 @@ def write_gltf(path: Path | str, data: BvhData, skin: Skin | None = None) -> Non
         if children:
             _animate(channels, samplers, j, "rotation", time, buffer.add(smooth_quaternions(data.rotation[j]), "VEC4"))
             node["children"] = children
-        if children and skin is None:
-            lines = np.stack([np.zeros((len(children), 3)), data.offset[children]], axis=1).reshape(-1, 3)
-            primitive = {"attributes": {"POSITION": buffer.add(lines, "VEC3")}, "mode": _LINES}
-            node["mesh"] = len(meshes)
-            meshes.append({"name": name, "primitives": [primitive]})
         if data.parent[j] < 0:
             _animate(channels, samplers, j, "translation", time, buffer.add(data.position[j], "VEC3"))
         nodes.append(node)
     roots = [int(j) for j in np.flatnonzero(np.asarray(data.parent) < 0)]
-    skinned: dict[str, Any] = {}
-    if skin is not None:
-        skinned = _skinned(buffer, skin, len(nodes))
-        roots.append(len(nodes))
-        nodes.append({"name": "body", "mesh": 0, "skin": 0})
-        meshes = skinned.pop("meshes")
+    body = _skinned(buffer, skin, len(nodes))
     content = {
         "asset": {"version": "2.0", "generator": "posefuse"},
         "scene": 0,
-        "scenes": [{"nodes": roots}],
-        "nodes": nodes,
-        "meshes": meshes,
+        "scenes": [{"nodes": [*roots, len(nodes)]}],
+        "nodes": [*nodes, {"name": "body", "mesh": 0, "skin": 0}],
+        "meshes": body.pop("meshes"),
         "animations": [{"name": "motion", "samplers": samplers, "channels": channels}],
-        **skinned,
+        **body,
         **buffer.described(),
     }
     with atomic_file(path) as staged, staged.open("wb") as out:

@@ -96,7 +96,7 @@ def angles_to_xarray(angles: JointAngles) -> Dataset:
 def angles_to_dataframe(angles: JointAngles) -> DataFrame:
     """One row per time step, person and angle: time_s, person, joint, angle, deg, sigma_deg."""
     t, n = angles.angle_rad.shape[:2]
-    each = [(joint, name) for joint, names in zip(angles.joints, angles.angle_names, strict=True) for name in names]
+    each = angles.angles
     table: DataFrame = package_of_extra("pandas", "data").DataFrame(
         {
             "time_s": np.repeat(angles.t_ns * 1e-9, n * len(each)),

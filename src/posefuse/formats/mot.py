@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 
 from posefuse.core import InputError, JointAngles, ShapeError
-from posefuse.core.arrays import Array, check_fields, freeze_fields
+from posefuse.core.arrays import Array, frozen_fields
 from posefuse.core.joint_angles import OPENSIM
 from posefuse.foundation.output_file import write_lines
 from posefuse.foundation.parsing import one_line, read_text
@@ -42,8 +42,7 @@ class MotTable:
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "columns", tuple(self.columns))
-        freeze_fields(self, dict.fromkeys(("t_s", "values"), np.float64))
-        sizes = check_fields(self, {"t_s": "T", "values": "T Q"})
+        sizes = frozen_fields(self, {"t_s": "T", "values": "T Q"})
         if sizes["Q"] != len(self.columns) or len(set(self.columns)) != len(self.columns):
             raise ShapeError(f"MotTable: expected {sizes['Q']} different column names, got {len(set(self.columns))}")
 

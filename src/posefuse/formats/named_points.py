@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 
 from posefuse.core import InputError, ShapeError
-from posefuse.core.arrays import Array, check_fields, freeze_fields
+from posefuse.core.arrays import Array, frozen_fields
 from posefuse.core.errors import choices
 from posefuse.foundation.parsing import one_line, read_any_text, short
 
@@ -31,8 +31,7 @@ class NamedPoints:
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "names", tuple(self.names))
-        freeze_fields(self, dict.fromkeys(("t_s", "xyz_world"), np.float64))
-        sizes = check_fields(self, {"t_s": "T", "xyz_world": "T K 3"})
+        sizes = frozen_fields(self, {"t_s": "T", "xyz_world": "T K 3"})
         if sizes["K"] != len(self.names):
             raise ShapeError(f"{type(self).__name__}: {len(self.names)} names for {sizes['K']} points")
 

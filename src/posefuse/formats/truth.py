@@ -53,22 +53,12 @@ def read_truth(path: Path) -> Truth:
             raise InputError(f"{path}: expected a file of format {_FORMAT!r}, got {short(description['format'])}")
         rig = Rig(tuple(map(camera_from_values, description["cameras"])), description["world_set_by"], 0.0)
         views = tuple(
-            CameraTruth(
-                camera=name, t_ns=arrays[f"view{i}_t_ns"], xy_img=arrays[f"view{i}_xy_img"], visible=arrays[f"view{i}_visible"]
-            )
+            CameraTruth(camera=name, **{field: arrays[f"view{i}_{field}"] for field in ("t_ns", "xy_img", "visible")})
             for i, name in enumerate(rig.names)
         )
-        skeleton = SKELETONS[description["skeleton"]]
         joints = _joints(arrays, description["joints"]) if "joints" in description else None
-        return Truth(
-            rig=rig,
-            t_ns=arrays["t_ns"],
-            skeleton=skeleton,
-            person_id=arrays["person_id"],
-            xyz_world=arrays["xyz_world"],
-            views=views,
-            joints=joints,
-        )
+        everyone = {field: arrays[field] for field in ("t_ns", "person_id", "xyz_world")}
+        return Truth(rig=rig, skeleton=SKELETONS[description["skeleton"]], views=views, joints=joints, **everyone)
     except PosefuseError as error:
         raise InputError(f"{path}: not a posefuse truth file ({one_line(error)})") from None
     except (*DAMAGED, IndexError, AttributeError) as error:
@@ -93,12 +83,10 @@ def read_loop(folder: Path) -> int | None:
 
 def _joints(arrays: dict[str, Array], names: dict[str, Any]) -> JointAngles:
     return JointAngles(
-        t_ns=arrays["joints_t_ns"],
         person_id=arrays["person_id"],
         segments=tuple(names["segments"]),
         world_from_segment=SE3(arrays["joints_wxyz"], arrays["joints_xyz"]),
         joints=tuple(names["joints"]),
         angle_names=tuple(tuple(three) for three in names["angle_names"]),
-        angle_rad=arrays["joints_angle_rad"],
-        sigma_rad=arrays["joints_sigma_rad"],
+        **{field: arrays[f"joints_{field}"] for field in ("t_ns", "angle_rad", "sigma_rad")},
     )

@@ -13,7 +13,7 @@ from typing import ClassVar, Literal
 
 import numpy as np
 
-from posefuse.core import JointAngles, Kind, Recording, Sink
+from posefuse.core import JointAngles, Kind, Recording
 from posefuse.core.arrays import Array
 from posefuse.core.poses import evenly_spaced, point_sigma_m
 from posefuse.formats.c3d import C3dData, write_c3d
@@ -22,10 +22,11 @@ from posefuse.foundation.output_file import atomic_file, write_text
 from posefuse.foundation.settings import settings
 
 from .facts import person_file, provenance, provenance_text, rate_hz
+from .frames import OwnConfig
 
 
 @settings
-class TrcSink:
+class TrcSink(OwnConfig):
     """TRC files. The format has no place for provenance: it is in ``recording.json`` of the same folder.
 
     Attributes:
@@ -34,10 +35,6 @@ class TrcSink:
 
     units: Literal["m", "mm"] = "m"
     name: ClassVar[str] = "trc"
-
-    def build(self) -> Sink:
-        """This output, ready."""
-        return self
 
     def write(self, recording: Recording, folder: Path) -> list[Path]:
         """Write one file per person; returns the files made."""
@@ -53,14 +50,10 @@ class TrcSink:
 
 
 @settings
-class C3dSink:
+class C3dSink(OwnConfig):
     """C3D files in millimetres, with standard deviations as residuals and the provenance in the group POSEFUSE."""
 
     name: ClassVar[str] = "c3d"
-
-    def build(self) -> Sink:
-        """This output, ready."""
-        return self
 
     def write(self, recording: Recording, folder: Path) -> list[Path]:
         """Write one file per person; returns the files made. Raises InputError for time steps that are not evenly spaced."""
@@ -132,7 +125,7 @@ _DIGITS, _PX_DIGITS = 6, 3
 
 
 @settings
-class CsvSink:
+class CsvSink(OwnConfig):
     """``pose.csv``: a header, then rows; missing values are empty.
 
     Columns t_s, person, keypoint, x_m, y_m, z_m, sigma_m, n_views, reproj_px, kind. World axes, Z up; sigma_m is the standard
@@ -141,10 +134,6 @@ class CsvSink:
     """
 
     name: ClassVar[str] = "csv"
-
-    def build(self) -> Sink:
-        """This output, ready."""
-        return self
 
     def write(self, recording: Recording, folder: Path) -> list[Path]:
         """Write ``pose.csv`` and ``pose.csv-metadata.json``; returns the files made."""

@@ -6,7 +6,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Protocol, runtime_checkable
+from typing import Any, Protocol, Self, runtime_checkable
 
 import numpy as np
 
@@ -122,12 +122,16 @@ def _add(writers: dict[int, FrameWriter], failed: dict[int, Exception], place: i
         del writers[place]
 
 
-class ImageOutput:
-    """What our outputs that show images have in common; a `FrameSink` with the method `writer`."""
+class OwnConfig:
+    """An output whose settings are itself."""
 
-    def build(self: FrameSink) -> FrameSink:
+    def build(self) -> Self:
         """This output, ready."""
         return self
+
+
+class ImageOutput(OwnConfig):
+    """What our outputs that show images have in common; a `FrameSink` with the method `writer`."""
 
     def write(self: FrameSink, recording: Recording, folder: Path) -> list[Path]:
         """Write without images; returns the files made."""

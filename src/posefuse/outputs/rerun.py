@@ -13,7 +13,7 @@ import sys
 import tempfile
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, ClassVar
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Self
 
 import numpy as np
 from annotated_types import Ge, Le
@@ -28,7 +28,7 @@ from posefuse.foundation.settings import settings
 
 from .drawing import DETECTION_RGB, bone_colours, jpeg_of, keypoint_colours, shrunk_wh
 from .facts import provenance
-from .frames import Frames, FrameSets, FrameSink, FrameWriter, ImageOutput, OneFileWriter, write_outputs
+from .frames import Frames, FrameSets, FrameWriter, ImageOutput, OneFileWriter, write_outputs
 
 if TYPE_CHECKING:
     import rerun as rr
@@ -197,7 +197,7 @@ class RerunSink(ImageOutput):
     image_px: Annotated[int, Ge(0), Le(8192)] = 640
     name: ClassVar[str] = "rerun"
 
-    def build(self) -> FrameSink:
+    def build(self) -> Self:
         """This output, ready; raises DependencyError without the Rerun SDK."""
         check_rerun()
         return self

@@ -208,13 +208,13 @@ class FollowedLog:
 
 def observations_of(followed: Sequence[Followed], skeleton: Skeleton, rig: Rig) -> Observations:
     """All that the detector found in time steps that follow each other, with the track or person of each detection."""
-    batches, person_ids = [], []
+    batches, person_ids = [], [np.zeros(0, np.int64)]
     for step, one in enumerate(followed):
         for place, batch in enumerate(one.batches):
             no_one_kept = [np.full(len(found), NOT_KEPT) for found in batch.detections]
             batches.append(replace(batch, step=step))
-            person_ids.append(one.person_ids if place == one.chosen else no_one_kept)
-    return Observations.from_batches(skeleton, rig.names, batches, person_ids)
+            person_ids += one.person_ids if place == one.chosen else no_one_kept
+    return Observations.from_batches(skeleton, rig.names, batches).with_person_ids(np.concatenate(person_ids))
 
 
 def _people(pose: Pose3D) -> int:

@@ -184,12 +184,8 @@ def _checked_again(solved: Recording, edits: Edits) -> dict[str, Any]:
     coverages = [Coverage(name, 1, 0, None, 0) for name in unread] + [_coverage(name, t_ns) for name, t_ns in times.items()]
     incomplete = {line.split(":")[0] for line in incomplete_cameras(coverages)}
     lines = [finding_line(one, Path(about.get("session", "SESSION"))) for one in findings]
-    return {
-        CAMERA_FITS: fits_of(cameras),
-        MOVED_CAMERAS: moved,
-        RIG_WARNINGS: [*(one["warning"] for one in moved), *lines],
-        INCOMPLETE_CAMERAS: [line for line in about.get(INCOMPLETE_CAMERAS, ()) if line.split(":")[0] in incomplete],
-    }
+    left = [line for line in about.get(INCOMPLETE_CAMERAS, ()) if line.split(":")[0] in incomplete]
+    return {**rig_facts(cameras, moved, lines), INCOMPLETE_CAMERAS: left}
 
 
 def _coverage(name: str, t_ns: Array) -> Coverage:
@@ -205,10 +201,12 @@ def finding_line(finding: RigFinding, session: Path) -> str:
     return f"at {finding.t_ns / 1e9:.1f} s: {finding.detail}{remedy}"
 
 
-def fits_of(cameras: Mapping[str, CameraFit]) -> dict[str, Any]:
-    """How well each camera fits, for the provenance."""
-    fits: dict[str, Any] = plain({name: dataclasses.asdict(one) for name, one in cameras.items()})
-    return fits
+def rig_facts(cameras: Mapping[str, CameraFit], moved: Sequence[Mapping[str, Any]], lines: Sequence[str]) -> dict[str, Any]:
+    """What the provenance states of the cameras: how well each fits, which moved, and all warnings; `lines` are the others."""
+    fits = {name: dataclasses.asdict(one) for name, one in cameras.items()}
+    warned = [*(one["warning"] for one in moved), *lines]
+    facts: dict[str, Any] = plain({CAMERA_FITS: fits, MOVED_CAMERAS: list(moved), RIG_WARNINGS: warned})
+    return facts
 
 
 def _check_same(before: TrackConfig, now: TrackConfig, names: Sequence[str], done: str) -> None:

@@ -50,17 +50,7 @@ from .following import FollowedLog, PeopleFollower, StageClock
 from .opening import Opened, open_session
 from .result_folder import DetectionStore, ResultFolder
 from .session import LEAST_CAMERAS, Session
-from .solve import (
-    CAMERA_FITS,
-    INCOMPLETE_CAMERAS,
-    MOVED_CAMERAS,
-    REFINED,
-    RIG_WARNINGS,
-    finding_line,
-    fits_of,
-    solve_followed,
-    with_refined_rig,
-)
+from .solve import INCOMPLETE_CAMERAS, REFINED, finding_line, rig_facts, solve_followed, with_refined_rig
 from .time_steps import stored_steps
 from .writing import build_sinks, estimated_result_bytes, warn_of_failures, write_result
 
@@ -170,8 +160,7 @@ def _tracked(
         cameras, findings = checked_rig(recording, opened.rig)
     for line in (lines := [finding_line(one, session.folder) for one in findings]):
         _warn(line)
-    warned = {MOVED_CAMERAS: plain(list(moved)), RIG_WARNINGS: [*(one["warning"] for one in moved), *lines]}
-    about = {**recording.provenance, CAMERA_FITS: fits_of(cameras), **warned}
+    about = {**recording.provenance, **rig_facts(cameras, moved, lines)}
     return Tracked(recording=dataclasses.replace(recording, provenance=about), interrupted=interrupted, clock=clock)
 
 

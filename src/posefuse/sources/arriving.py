@@ -59,7 +59,6 @@ class PendingPackets:
         if not self._header or frame.pts is None:
             return None
         return EncodedFrame(
-            codec=self._context.name,
             stamp_ns=_stamp_ns(frame),
             packets=packets,
             number=number,

@@ -6,26 +6,18 @@ Times are ns of `time.monotonic_ns`, one clock for all processes of a machine.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
 from dataclasses import dataclass, field
 from enum import StrEnum
 
 import numpy as np
-from numpy.typing import DTypeLike
 
-from posefuse.core.arrays import Array, check_fields, freeze_fields
+from posefuse.core.arrays import Array, frozen_fields
 
 
 def all_finite(*arrays: Array) -> bool:
     """Whether no number is NaN or infinite: a sum shows it, in a fraction of the time. Sums that overflow count as infinite."""
     with np.errstate(over="ignore", invalid="ignore"):
         return all(math.isfinite(float(array.sum())) for array in arrays)
-
-
-def _arrays(value: object, axes: Mapping[str, str], **dtypes: DTypeLike) -> None:
-    """Freeze and check the named array fields of a value; float64 where `dtypes` does not say otherwise."""
-    freeze_fields(value, dict.fromkeys(axes, np.float64) | dtypes)
-    check_fields(value, axes)
 
 
 class Phase(StrEnum):
@@ -69,7 +61,7 @@ class Order:
     reason: str = ""
 
     def __post_init__(self) -> None:
-        _arrays(self, {"xyz_world": "H 3", "wxyz": "H 4", "grip": "H"}, grip=np.bool_)
+        frozen_fields(self, {"xyz_world": "H 3", "wxyz": "H 4", "grip": "H"}, {"grip": np.bool_})
 
     @property
     def usable(self) -> bool:
@@ -113,7 +105,7 @@ class RobotState:
     limited: str = ""
 
     def __post_init__(self) -> None:
-        _arrays(self, _ROBOT_AXES)
+        frozen_fields(self, _ROBOT_AXES)
 
     @property
     def usable(self) -> bool:
@@ -160,4 +152,4 @@ class OperatorView:
     gesture: bool = False
 
     def __post_init__(self) -> None:
-        _arrays(self, _VIEW_AXES, views=np.int64, measured=np.bool_, body_measured=np.bool_)
+        frozen_fields(self, _VIEW_AXES, {"views": np.int64, "measured": np.bool_, "body_measured": np.bool_})

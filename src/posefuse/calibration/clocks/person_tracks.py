@@ -8,8 +8,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from posefuse.core import CalibrationError, Detections2D, Skeleton
-from posefuse.core.arrays import Array, check_fields, freeze_fields
+from posefuse.core.arrays import Array, frozen_fields
 from posefuse.core.skeleton import SIDES
+from posefuse.core.values import unseen_planes
 
 # Limbs move most, so they carry most information; detectors mark the face even when it is not visible.
 _LIMBS = frozenset(f"{side}_{part}" for side in SIDES for part in ("shoulder", "elbow", "wrist", "hip", "knee", "ankle"))
@@ -40,17 +41,16 @@ class PersonTrack:
     sigma_px: Array
 
     def __post_init__(self) -> None:
-        freeze_fields(self, {"t_ns": np.int64} | dict.fromkeys(("xy_img", "score", "sigma_px"), np.float64))
-        check_fields(self, {"t_ns": "F", "xy_img": "F K 2", "score": "F K", "sigma_px": "F K"})
+        frozen_fields(self, {"t_ns": "F", "xy_img": "F K 2", "score": "F K", "sigma_px": "F K"})
 
     @classmethod
     def of(cls, camera: str, frames: Sequence[Detections2D], rows: Iterable[tuple[int, int]]) -> PersonTrack:
         """The person at such places of these frames: pairs of frame and person; NaN in the other frames."""
-        shape = (len(frames), len(frames[0].skeleton))
-        xy, score, sigma = np.full((*shape, 2), np.nan), np.zeros(shape), np.full(shape, np.nan)
+        planes = unseen_planes((len(frames), len(frames[0].skeleton)))
         for i, p in rows:
-            xy[i], score[i], sigma[i] = frames[i].xy_img[p], frames[i].score[p], frames[i].sigma_px[p]
-        return cls(camera, frames[0].skeleton, np.array([frame.t_ns for frame in frames]), xy, score, sigma)
+            for name, plane in planes.items():
+                plane[i] = getattr(frames[i], name)[p]
+        return cls(camera, frames[0].skeleton, np.array([frame.t_ns for frame in frames]), **planes)
 
     @property
     def t_s(self) -> Array:

@@ -18,7 +18,7 @@ from posefuse.calibration.clocks.paths import at_times
 from posefuse.calibration.clocks.person_tracks import PersonTrack, person_tracks
 from posefuse.calibration.clocks.sync import ClockEstimate
 from posefuse.core import Camera, Detections2D, Skeleton
-from posefuse.core.arrays import Array, check_fields, freeze_fields
+from posefuse.core.arrays import Array, frozen_fields
 from posefuse.core.duplicate_share import DUPLICATE_SHARE
 from posefuse.core.duplicates import duplicates
 
@@ -42,8 +42,7 @@ class PersonViews:
     sigma_px: Array
 
     def __post_init__(self) -> None:
-        freeze_fields(self, {"t_ns": np.int64} | dict.fromkeys(("xy_img", "score", "sigma_px"), np.float64))
-        check_fields(self, {"t_ns": "T", "xy_img": "C T K 2", "score": "C T K", "sigma_px": "C T K"})
+        frozen_fields(self, {"t_ns": "T", "xy_img": "C T K 2", "score": "C T K", "sigma_px": "C T K"})
 
     @property
     def usable(self) -> Array:

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from posefuse.core import InputError
-from posefuse.core.arrays import Array, check_fields, freeze_fields, frozen
+from posefuse.core.arrays import Array, frozen, frozen_fields
 from posefuse.core.errors import choices
 
 _DTYPES = {
@@ -50,8 +50,7 @@ class CornerObservations:
     recordings: tuple[tuple[str, Path], ...] = field(default=())
 
     def __post_init__(self) -> None:
-        freeze_fields(self, _DTYPES)
-        check_fields(self, {name: "N 2" if name == "xy_img" else "N" for name in _DTYPES})
+        frozen_fields(self, {name: "N 2" if name == "xy_img" else "N" for name in _DTYPES}, _DTYPES)
         order = np.lexsort((self.corner, self.patch, self.t_ns, self.camera))
         if (np.diff(order) < 0).any():
             for name, dtype in _DTYPES.items():

@@ -19,9 +19,6 @@ from posefuse.foundation.summary import Block, Heading
 
 from .plots import Arrays, Plots, plot_content, with_decimals
 
-_JPEG_QUALITY = 85
-_MEDIA = {b"\xff\xd8": "jpeg", b"\x89P": "png"}
-
 
 @dataclass(frozen=True)
 class Page:
@@ -47,23 +44,21 @@ class Cards:
 
 @dataclass(frozen=True, eq=False)
 class Images:
-    """Captions to images, stored inside the page.
+    """Captions to RGB images (H, W, 3) uint8, stored inside the page as PNG.
 
     Attributes:
-        images: JPEG or PNG bytes as they are, or RGB arrays (H, W, 3) uint8.
-        lossless: arrays are stored as PNG in place of JPEG. raster: each fills the width of the page, its pixels as blocks.
+        raster: each fills the width of the page, its pixels as blocks.
     """
 
-    images: Mapping[str, Array | bytes]
+    images: Mapping[str, Array]
     _: KW_ONLY
-    lossless: bool = False
     raster: bool = False
     kind: ClassVar[str] = "images"
 
     @property
     def shown(self) -> list[tuple[str, str]]:
         """Captions and ``data:`` addresses."""
-        return [(caption, _data_address(image, self.lossless)) for caption, image in self.images.items()]
+        return [(caption, f"data:image/png;base64,{_text_of(_png(image))}") for caption, image in self.images.items()]
 
 
 @dataclass(frozen=True)
@@ -75,24 +70,12 @@ class Details:
     kind: ClassVar[str] = "details"
 
 
-def _data_address(image: Array | bytes, lossless: bool) -> str:
-    data = image if isinstance(image, bytes) else _encoded(image, lossless)
-    media = _MEDIA.get(data[:2])
-    if media is None:
-        raise InputError(f"page: expected images as JPEG, PNG or RGB arrays, got {len(data)} bytes that begin with {data[:4]!r}")
-    return f"data:image/{media};base64,{base64.b64encode(data).decode()}"
-
-
-def _encoded(image: Array, lossless: bool) -> bytes:
+def _png(image: Array) -> bytes:
     import cv2
 
     if image.ndim != 3 or image.shape[2] != 3 or not image.size or image.dtype != np.uint8:
         raise InputError(f"page: expected an RGB image (H, W, 3) uint8, got {image.shape} {image.dtype}")
-    ending, options = (".png", []) if lossless else (".jpg", [cv2.IMWRITE_JPEG_QUALITY, _JPEG_QUALITY])
-    done, data = cv2.imencode(ending, np.ascontiguousarray(image[..., ::-1]), options)
-    if not done:
-        raise InputError(f"page: an image of shape {image.shape} could not be encoded as {ending[1:].upper()}")
-    return data.tobytes()
+    return cv2.imencode(".png", np.ascontiguousarray(image[..., ::-1]))[1].tobytes()
 
 
 Side = Literal["left", "right", "mid"]

@@ -8,7 +8,7 @@ from __future__ import annotations
 import re
 from collections import defaultdict
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
 from pathlib import Path
 from typing import Any
@@ -254,17 +254,8 @@ def _detections(camera: str, t_ns: int, skeleton: Skeleton, people: People2D) ->
     xy = people.points[..., :2]
     score = np.where(np.isfinite(xy).all(-1), np.clip(np.nan_to_num(people.points[..., 2]), 0, 1), 0.0)
     xy = np.where(score[..., None] > 0, xy, np.nan)
-    box = keypoint_boxes(xy, score)
-    return Detections2D(
-        camera=camera,
-        t_ns=t_ns,
-        skeleton=skeleton,
-        xy_img=xy,
-        score=score,
-        sigma_px=_sigma_px(score, box),
-        box_img=box,
-        track_id=people.track_id,
-    )
+    sigma_px = _sigma_px(score, keypoint_boxes(xy, score))
+    return replace(Detections2D.of(camera, t_ns, skeleton, xy, score, sigma_px), track_id=people.track_id)
 
 
 def _sigma_px(score: Array, box_img: Array) -> Array:

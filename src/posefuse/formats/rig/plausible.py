@@ -112,8 +112,7 @@ def require_placed(where: str, rig: Rig) -> Rig:
     """The rig; raises CalibrationError for impossible camera positions."""
     if len(rig) < 2:
         return rig
-    centres = rig.centres_world()
-    away = np.linalg.norm(centres[:, None] - centres[None], axis=-1)
+    away = _apart_m(rig)
     if away.max() < LIMITS.apart_m:
         raise CalibrationError(
             f"{where}: all {len(rig)} cameras are at one place: these are intrinsics only;"
@@ -188,10 +187,14 @@ def _lonely_cameras(where: str, rig: Rig) -> list[str]:
     return lines
 
 
-def _usual_m(rig: Rig) -> float:
+def _apart_m(rig: Rig) -> Array:
+    """(C, C) distances between cameras."""
     centres = rig.centres_world()
-    away = np.linalg.norm(centres[:, None] - centres[None], axis=-1)
-    return float(np.median(away[~np.eye(len(rig), dtype=bool)]))
+    return np.asarray(np.linalg.norm(centres[:, None] - centres[None], axis=-1))
+
+
+def _usual_m(rig: Rig) -> float:
+    return float(np.median(_apart_m(rig)[~np.eye(len(rig), dtype=bool)]))
 
 
 def _common_view(rig: Rig) -> float:

@@ -18,10 +18,10 @@ from posefuse import __version__
 from posefuse.core import InputError, PosefuseError, Recording
 from posefuse.foundation.parsing import plain
 from posefuse.pipeline.config import CONFIG_FILE, TrackConfig, changed_config, read_config
-from posefuse.pipeline.reports import report_folder, write_report_folder
 from posefuse.pipeline.result_folder import ResultFolder, unfinished_work
 from posefuse.pipeline.session import KINDS, data_entries, find_session, rig_files
 from posefuse.pipeline.track import track_session
+from posefuse.pipeline.writing import report_folder, write_report_folder
 
 from .page import recording_figures
 
