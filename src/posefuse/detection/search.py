@@ -87,12 +87,8 @@ def regions_from_outputs(
         up = ends[1] - ends[0]
         radius = float(np.linalg.norm(up))
         if radius > 0:
-            found.append(
-                (
-                    float(weight[0]),
-                    Region(centre_img=ends[0], side_px=2 * _ROOM * radius, angle_rad=float(np.arctan2(up[0], -up[1]))),
-                )
-            )
+            region = Region(centre_img=ends[0], side_px=2 * _ROOM * radius, angle_rad=float(np.arctan2(up[0], -up[1])))
+            found.append((float(weight[0]), region))
     return found
 
 
