@@ -12,10 +12,20 @@ from posefuse.kinematics.definitions import POINTS, landmark_pairs
 from posefuse.kinematics.joints import FrameBuffers
 
 BALL, HINGE, SLIDE = tree_kernels.BALL, tree_kernels.HINGE, tree_kernels.SLIDE
-PARENT = np.array([-1, 0, 1, 2, 1])
-KIND = np.array([SLIDE, BALL, HINGE, SLIDE, HINGE])
-AXIS = np.array([1, 0, 2, 0, 1])
-DOF = np.array([0, 1, 4, 5, 6, 7])
+TREE = tree_kernels.Tree(
+    parent=np.array([-1, 0, 1, 2, 1]),
+    kind=np.array([SLIDE, BALL, HINGE, SLIDE, HINGE]),
+    axis=np.array([1, 0, 2, 0, 1]),
+    offset=np.zeros((5, 3)),
+    dof=np.array([0, 1, 4, 5, 6, 7]),
+    limits=np.tile([1.0, 0.0], (5, 3, 1)),
+    mirrored=np.zeros(5, bool),
+    node=np.array([3, 4]),
+    local=np.zeros((2, 3)),
+    preferred_sd=np.full(5, np.inf),
+    slack_var=np.array([0, 0, 0, 0, 0, 0.04, 0]),
+    accel=np.zeros(7),
+)
 
 
 @pytest.fixture
@@ -28,13 +38,13 @@ def state():
 
 def places(q, rot, offset, local):
     frame, origin = np.empty((5, 3, 3)), np.empty((5, 3))
-    tree_kernels.forward_kinematics(PARENT, KIND, AXIS, offset, q, rot, frame, origin)
+    tree_kernels.forward_kinematics(TREE._replace(offset=offset), q, rot, frame, origin)
     return np.stack([tree_kernels.place(frame, origin, node, local[i]) for i, node in enumerate((3, 4))]), frame, origin
 
 
 def moved(step, q, rot):
     q, rot = q.copy(), rot.copy()
-    tree_kernels.retract(KIND, DOF, step, q, rot)
+    tree_kernels.retract(TREE, step, q, rot)
     return q, rot
 
 
@@ -43,7 +53,7 @@ def test_point_derivatives_equal_finite_differences(state):
     points, frame, origin = places(q, rot, offset, local)
     for p, node in enumerate((3, 4)):
         columns, values = np.empty(7, np.int64), np.empty((7, 3))
-        count = tree_kernels.derivative(PARENT, KIND, AXIS, DOF, frame, node, points[p], origin, columns, values)
+        count = tree_kernels.derivative(TREE, frame, node, points[p], origin, columns, values)
         dense = np.zeros((7, 3))
         dense[columns[:count]] = values[:count]
         for d in range(7):
@@ -70,7 +80,7 @@ def test_a_half_turn_has_a_logarithm():
 def test_difference_undoes_retract(state):
     q, rot, _, _ = state
     step = np.random.default_rng(5).normal(size=7) * 0.5
-    np.testing.assert_allclose(tree_kernels.difference(KIND, DOF, *moved(step, q, rot), q, rot), step, atol=1e-10)
+    np.testing.assert_allclose(tree_kernels.difference(TREE, *moved(step, q, rot), q, rot), step, atol=1e-10)
 
 
 def test_ray_gradient_is_that_of_the_robust_cost():
@@ -100,8 +110,7 @@ def test_predict_spreads_the_covariance_by_its_transition(state):
     cov = rng.normal(size=(14, 14))
     cov = cov @ cov.T
     before, velocity = cov.copy(), rng.normal(size=7)
-    slack = np.array([0, 0, 0, 0, 0, 0.04, 0])
-    keep, drift, fade = fit_kernels.predict(KIND, DOF, slack, np.zeros(7), 0.02, 0.3, 0.5, q.copy(), rot.copy(), velocity, cov)
+    keep, drift, fade = fit_kernels.predict(TREE, 0.02, 0.3, 0.5, q.copy(), rot.copy(), velocity, cov)
     transition = np.block([[np.diag(keep), np.diag(drift)], [np.zeros((7, 7)), np.diag(fade)]])
     expected = transition @ before @ transition.T
     expected[5, 5] += 0.04 * (1 - keep[5] ** 2)

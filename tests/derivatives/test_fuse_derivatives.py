@@ -4,7 +4,7 @@ from built import camera
 
 from posefuse.core import SE3, Rig
 from posefuse.fusion.kernels import lens, point
-from posefuse.fusion.kernels.packed import packed_rig
+from posefuse.fusion.kernels.lens import packed_rig
 
 K = np.array([[700.0, 3.0, 320.0], [0, 690.0, 240.0], [0, 0, 1]])
 POSE = SE3.from_rotvec([0.1, -0.2, 0.3], [0.1, 0.2, 3.0])

@@ -9,9 +9,10 @@ from checks import refusal
 
 from posefuse.core import ConfigError, Detector, Frame, ModelError, Region, ShapeError
 from posefuse.detection import BlazePoseConfig, region_from_keypoints
-from posefuse.detection.blazepose import Look, averaged
+from posefuse.detection.blazepose import averaged
 from posefuse.detection.card import Card, PersonCard, read_card
 from posefuse.detection.engines import BlazePoseNetwork
+from posefuse.detection.networks import DetectedPerson
 from posefuse.sources import VideoConfig
 
 CAMERA = "cam04"
@@ -133,9 +134,9 @@ def test_an_ensemble_that_looks_in_the_mirror_knows_no_left_and_right(tmp_path, 
 
 def test_looks_are_averaged_by_their_certainty_and_disagreement_is_doubt():
     keypoints = np.zeros((2, 2))
-    sure = Look(0.9, keypoints, np.ones(2), np.array([1.0, 1.0]))
-    unsure = Look(0.8, keypoints + [3.0, 0.0], np.ones(2), np.array([2.0, 1e6]))
-    blind = Look(0.1, keypoints + 100, np.zeros(2), np.ones(2))
+    sure = DetectedPerson(keypoints, np.ones(2), np.array([1.0, 1.0]), 0.9)
+    unsure = DetectedPerson(keypoints + [3.0, 0.0], np.ones(2), np.array([2.0, 1e6]), 0.8)
+    blind = DetectedPerson(keypoints + 100, np.zeros(2), np.ones(2), 0.1)
     assert averaged([sure]) is sure
     assert averaged([sure, blind]) is sure
     both = averaged([sure, unsure, blind])

@@ -8,7 +8,7 @@ import pytest
 from posefuse.core import Region
 from posefuse.detection.card import PersonCard, read_card
 from posefuse.detection.crops import crop_from_img
-from posefuse.detection.search import regions_from_outputs, stages
+from posefuse.detection.search import SquareFinder, regions_from_outputs
 
 CARD = read_card("blazepose_persons", PersonCard)
 SIDE = CARD.input.size_wh[0]
@@ -76,7 +76,7 @@ def inside(square, xy_img, least=0):
 
 @pytest.mark.parametrize(("size_wh", "up_rad"), [((640, 480), 0.0), ((1080, 1920), -0.5), ((3840, 1000), 1.2)])
 def test_the_search_begins_with_the_whole_image_and_its_tiles_leave_no_gap(size_wh, up_rad):
-    plan = list(stages(size_wh, up_rad))
+    plan = list(SquareFinder.stages(size_wh, up_rad))
     assert len(plan[0]) == 1 and plan[0][0].side_px == max(size_wh) and plan[0][0].angle_rad == 0
     corners = np.array([[0, 0], [size_wh[0] - 1, 0], [0, size_wh[1] - 1], [size_wh[0] - 1, size_wh[1] - 1]])
     for square in itertools.chain(*plan[:-2]):

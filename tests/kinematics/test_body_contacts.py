@@ -45,8 +45,8 @@ def found(walker, soles_m: float = 0.0, rate_hz: float = RATE_HZ) -> np.ndarray:
     keypoint = np.arange(len(ANATOMICAL23))
     xyz = walker[:, 0] + [0, 0, soles_m]
     t_ns = np.arange(len(xyz)) * round(1e9 / rate_hz)
-    contacts = contacts_of(t_ns, xyz, np.zeros((*xyz.shape, 3)), ANATOMICAL23, keypoint)
-    return np.isfinite(contacts.xyz[:, ANATOMICAL23.indices(SOLES), 0])
+    places, _ = contacts_of(t_ns, xyz, np.zeros((*xyz.shape, 3)), ANATOMICAL23, keypoint)
+    return np.isfinite(places[:, ANATOMICAL23.indices(SOLES), 0])
 
 
 @pytest.mark.parametrize("soles_m", [0.0, -1.3])
@@ -97,6 +97,6 @@ def test_a_skeleton_without_feet_stands_nowhere(poses) -> None:
     body = bodies_from_poses(poses)[0]
     legs = [k for k in range(len(ANATOMICAL23)) if ANATOMICAL23.keypoints[k] not in SOLES]
     xyz, cov = (plane[:, 0][:, legs] for plane in (poses.xyz_world, poses.cov_world))
-    contacts = contacts_of(poses.t_ns, xyz, cov, body.skeleton, np.array(legs))
+    places, _ = contacts_of(poses.t_ns, xyz, cov, body.skeleton, np.array(legs))
     toes = [row for row, k in enumerate(legs) if "toe" not in ANATOMICAL23.keypoints[k]]
-    assert np.isnan(contacts.xyz[:, toes]).all()
+    assert np.isnan(places[:, toes]).all()

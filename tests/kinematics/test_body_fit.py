@@ -13,7 +13,7 @@ from posefuse.kinematics import JOINT_NAMES, joints_from_poses
 from posefuse.kinematics.body import BodySettings, LengthPrior, bodies_from_poses, fit_poses, fit_views, tree_kernels
 from posefuse.kinematics.body import filter as filter_module
 from posefuse.kinematics.body.filter import BodyFilter, Measurement, guessed_state, of_points
-from posefuse.kinematics.body.model import packed_from_body
+from posefuse.kinematics.body.model import tree_from_body
 from posefuse.kinematics.body.result import StateReader, length_derivatives, robust_variance_factor
 from posefuse.kinematics.body.shape import slopes_of
 from posefuse.kinematics.joints import FrameBuffers
@@ -204,10 +204,10 @@ def test_a_recording_may_begin_with_straight_arms_held_up(flexion):
     sequence = sequence_of([up] * 12, sigma_m=0.005)
     body = bodies_from_poses(sequence)[0]
     work = FrameBuffers(sequence.skeleton, JointSettings())
-    packed = packed_from_body(body, BodySettings())
-    q, rot = guessed_state(body, packed, work, sequence.xyz_world[0, 0, body.keypoint])
-    frame, origin, tree = np.empty((len(body.nodes), 3, 3)), np.empty((len(body.nodes), 3)), packed.tree
-    tree_kernels.forward_kinematics(tree.parent, tree.kind, tree.axis, tree.offset, q, rot, frame, origin)
+    tree = tree_from_body(body, BodySettings())
+    q, rot = guessed_state(body, tree, work, sequence.xyz_world[0, 0, body.keypoint])
+    frame, origin = np.empty((len(body.nodes), 3, 3)), np.empty((len(body.nodes), 3))
+    tree_kernels.forward_kinematics(tree, q, rot, frame, origin)
     for side in ("left", "right"):
         elbow = sequence.xyz_world[0, 0, sequence.skeleton.index(f"{side}_elbow")]
         assert np.linalg.norm(origin[body.node(f"{side}_carrying")] - elbow) < 0.02
@@ -370,20 +370,20 @@ def prior(mean_m: np.ndarray, sigma_m: float) -> LengthPrior:
 
 def test_derivatives_by_lengths_equal_finite_differences(squatter) -> None:
     body = bodies_from_poses(squatter)[0]
-    packed = packed_from_body(body, SETTINGS)
-    state = guessed_state(body, packed, FrameBuffers(squatter.skeleton, JointSettings()), squatter.xyz_world[5, 0, body.keypoint])
+    tree = tree_from_body(body, SETTINGS)
+    state = guessed_state(body, tree, FrameBuffers(squatter.skeleton, JointSettings()), squatter.xyz_world[5, 0, body.keypoint])
     assert state is not None
 
     def places(offset: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         frame, origin = np.empty_like(state[1]), np.empty((len(body.nodes), 3))
-        tree_kernels.forward_kinematics(packed.tree.parent, packed.tree.kind, packed.tree.axis, offset, *state, frame, origin)
-        points = [tree_kernels.place(frame, origin, n, x) for n, x in zip(packed.tree.node, packed.tree.local, strict=True)]
+        tree_kernels.forward_kinematics(tree._replace(offset=offset), *state, frame, origin)
+        points = [tree_kernels.place(frame, origin, n, x) for n, x in zip(tree.node, tree.local, strict=True)]
         return np.stack(points), frame
 
     slopes = slopes_of(body, NAMES)
-    derived = length_derivatives(packed, slopes, places(packed.tree.offset)[1])
+    derived = length_derivatives(tree, slopes, places(tree.offset)[1])
     for s in range(len(NAMES)):
-        ahead, back = (places(packed.tree.offset + sign * 1e-5 * slopes[:, s])[0] for sign in (1, -1))
+        ahead, back = (places(tree.offset + sign * 1e-5 * slopes[:, s])[0] for sign in (1, -1))
         np.testing.assert_allclose(derived[..., s], (ahead - back) / 2e-5, atol=1e-8)
         assert np.abs(derived[..., s]).max() > 0.4, NAMES[s]
 

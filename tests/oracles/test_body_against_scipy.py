@@ -9,8 +9,9 @@ from posefuse.core import Rig
 from posefuse.core.skeleton import COCO17
 from posefuse.kinematics.body import BodySettings, LengthPrior, bodies_from_poses, fit_kernels, tree_kernels, with_solved_lengths
 from posefuse.kinematics.body.filter import Measurement, guessed_state
-from posefuse.kinematics.body.model import BodyModel, Packed, packed_from_body
+from posefuse.kinematics.body.model import BodyModel, tree_from_body
 from posefuse.kinematics.body.shape import slopes_of
+from posefuse.kinematics.body.tree_kernels import Tree
 from posefuse.kinematics.joints import FrameBuffers
 from posefuse.kinematics.settings import JointSettings
 
@@ -40,54 +41,54 @@ def student(off_px: np.ndarray, sigma_px: float) -> np.ndarray:
     return np.sqrt((DOF + 2) * np.log1p((off_px**2).sum(axis=-1) / sigma_px**2 / DOF)).ravel()
 
 
-def places(p: Packed, q: np.ndarray, rot: np.ndarray, offset: np.ndarray | None = None) -> np.ndarray:
+def places(tree: Tree, q: np.ndarray, rot: np.ndarray, offset: np.ndarray | None = None) -> np.ndarray:
     """(A, 3) keypoints of a state, with these offsets of the nodes."""
-    frame, origin, offset = np.empty((len(q), 3, 3)), np.empty((len(q), 3)), p.tree.offset if offset is None else offset
-    tree_kernels.forward_kinematics(p.tree.parent, p.tree.kind, p.tree.axis, offset, q, rot, frame, origin)
-    return np.stack([origin[n] + frame[n] @ local for n, local in zip(p.tree.node, p.tree.local, strict=True)])
+    frame, origin = np.empty((len(q), 3, 3)), np.empty((len(q), 3))
+    tree_kernels.forward_kinematics(tree if offset is None else tree._replace(offset=offset), q, rot, frame, origin)
+    return np.stack([origin[n] + frame[n] @ local for n, local in zip(tree.node, tree.local, strict=True)])
 
 
-def moved(p: Packed, step: np.ndarray, state: tuple[np.ndarray, np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
+def moved(tree: Tree, step: np.ndarray, state: tuple[np.ndarray, np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
     q, rot = state[0].copy(), state[1].copy()
-    tree_kernels.retract(p.tree.kind, p.tree.dof, step, q, rot)
+    tree_kernels.retract(tree, step, q, rot)
     return q, rot
 
 
 @pytest.mark.parametrize("outliers", [0, 4])
 def test_the_same_rays_and_cost_give_the_same_pose(ring_rig, outliers: int) -> None:
     sigma_px, (body, points) = 2.0, squatting(1.0, 0.5, 20.0)
-    p, points = packed_from_body(body, BodySettings(joint_limits=False)), points[-1]
-    q0, rot0 = guessed_state(body, p, FrameBuffers(COCO17, JointSettings()), points)
+    tree, points = tree_from_body(body, BodySettings(joint_limits=False)), points[-1]
+    q0, rot0 = guessed_state(body, tree, FrameBuffers(COCO17, JointSettings()), points)
     rng, projections = np.random.default_rng(5), ring_rig(4).projections()
     xy = seen(projections, points)
     xy = xy + rng.normal(size=xy.shape) * sigma_px
     xy.reshape(-1, 2)[rng.choice(xy[..., 0].size, outliers, replace=False)] += 40.0
-    prior = np.eye(p.size) / PRIOR_SD**2
+    prior = np.eye(tree.size) / PRIOR_SD**2
 
     def residuals(step: np.ndarray) -> np.ndarray:
-        q, rot = moved(p, step, (q0, rot0))
-        off = tree_kernels.difference(p.tree.kind, p.tree.dof, q, rot, q0, rot0) / PRIOR_SD
-        return np.concatenate([student(seen(projections, places(p, q, rot)) - xy, sigma_px), off])
+        q, rot = moved(tree, step, (q0, rot0))
+        off = tree_kernels.difference(tree, q, rot, q0, rot0) / PRIOR_SD
+        return np.concatenate([student(seen(projections, places(tree, q, rot)) - xy, sigma_px), off])
 
     q, rot = q0.copy(), rot0.copy()
     nothing = np.zeros((len(points), 3, 3))
     rays = fit_kernels.SeenKeypoints(points, nothing, projections, xy, np.full(xy.shape[:2], sigma_px**-2))
-    free = np.full(len(body.nodes), np.inf)
-    fit_kernels.gauss_newton(p.tree, (q0.copy(), rot0.copy()), prior, free, rays, DOF, 1.0, 60, q, rot)
-    ours = tree_kernels.difference(p.tree.kind, p.tree.dof, q, rot, q0, rot0)
+    free = tree._replace(preferred_sd=np.full(len(body.nodes), np.inf))
+    fit_kernels.gauss_newton(free, (q0.copy(), rot0.copy()), prior, 1.0, rays, DOF, 1.0, 60, q, rot)
+    ours = tree_kernels.difference(tree, q, rot, q0, rot0)
     theirs = least_squares(residuals, ours, max_nfev=20)
-    assert np.linalg.norm(places(p, q, rot) - places(p, *moved(p, theirs.x, (q0, rot0))), axis=-1).max() < 0.002
+    assert np.linalg.norm(places(tree, q, rot) - places(tree, *moved(tree, theirs.x, (q0, rot0))), axis=-1).max() < 0.002
     assert (residuals(ours) ** 2).sum() < 2 * theirs.cost + 1e-2
-    assert np.linalg.norm(places(p, q, rot) - points, axis=-1).max() < 0.03
+    assert np.linalg.norm(places(tree, q, rot) - points, axis=-1).max() < 0.03
 
 
-def solved_pose(p: Packed, state: tuple[np.ndarray, np.ndarray], one: Measurement) -> tuple[np.ndarray, np.ndarray]:
+def solved_pose(tree: Tree, state: tuple[np.ndarray, np.ndarray], one: Measurement) -> tuple[np.ndarray, np.ndarray]:
     """Where scipy begins: its own descent in poses needs thousands of steps."""
-    (q, rot), slack = state, p.slack_var > 0
-    weak = np.diag(np.where(slack, 1 / np.where(slack, p.slack_var, 1.0), 1e-9))
-    rays = fit_kernels.SeenKeypoints(one.xyz, np.zeros((len(p.tree.node), 3, 3)), one.projections, one.xy, one.inverse_var)
-    expected = np.where(np.diff(p.tree.dof) == 1, 0.0, q), rot.copy()
-    fit_kernels.gauss_newton(p.tree, expected, weak, p.preferred_sd, rays, DOF, 1.0, 60, q, rot)
+    (q, rot), slack = state, tree.slack_var > 0
+    weak = np.diag(np.where(slack, 1 / np.where(slack, tree.slack_var, 1.0), 1e-9))
+    rays = fit_kernels.SeenKeypoints(one.xyz, np.zeros((len(tree.node), 3, 3)), one.projections, one.xy, one.inverse_var)
+    expected = np.where(np.diff(tree.dof) == 1, 0.0, q), rot.copy()
+    fit_kernels.gauss_newton(tree, expected, weak, 1.0, rays, DOF, 1.0, 60, q, rot)
     return q, rot
 
 
@@ -107,22 +108,22 @@ def test_lengths_solved_with_poses_are_those_of_another_solver(ring_rig) -> None
     prior = LengthPrior(names=NAMES, mean_m=MEAN_M, cov_m2=np.eye(len(NAMES)) * PRIOR_SD_M**2)
     work = FrameBuffers(COCO17, JointSettings())
     body = with_solved_lengths(start, measurements, prior, SETTINGS, work)
-    p, slopes = packed_from_body(body, SETTINGS), slopes_of(start, NAMES)
+    tree, slopes = tree_from_body(body, SETTINGS), slopes_of(start, NAMES)
     share = np.linalg.norm(slopes, axis=-1)
     solved = np.array([np.linalg.norm(body.offset[n]) / share[n, s] for s, n in enumerate(share.argmax(axis=0))])
-    slack, size = p.slack_var > 0, p.size
-    states = [solved_pose(p, guessed_state(body, p, work, one.xyz), one) for one in measurements]
+    slack, size = tree.slack_var > 0, tree.size
+    states = [solved_pose(tree, guessed_state(body, tree, work, one.xyz), one) for one in measurements]
 
     def residuals(x: np.ndarray) -> np.ndarray:
         longer = x[: len(NAMES)]
         offset = body.offset + np.einsum("nsi,s->ni", slopes, longer)
         out = [(solved + longer - MEAN_M) / PRIOR_SD_M]
         for i, (one, state) in enumerate(zip(measurements, states, strict=True)):
-            q, rot = moved(p, x[len(NAMES) + i * size : len(NAMES) + (i + 1) * size], state)
-            out.append(student(seen(one.projections, places(p, q, rot, offset)) - one.xy, 1.0))
-            zero = tree_kernels.difference(p.tree.kind, p.tree.dof, q, rot, np.zeros_like(q), np.tile(np.eye(3), (len(q), 1, 1)))
-            sd = np.repeat(p.preferred_sd, np.diff(p.tree.dof))
-            out.append(zero / np.where(slack, np.sqrt(np.where(slack, p.slack_var, 1.0)), sd))
+            q, rot = moved(tree, x[len(NAMES) + i * size : len(NAMES) + (i + 1) * size], state)
+            out.append(student(seen(one.projections, places(tree, q, rot, offset)) - one.xy, 1.0))
+            zero = tree_kernels.difference(tree, q, rot, np.zeros_like(q), np.tile(np.eye(3), (len(q), 1, 1)))
+            sd = np.repeat(tree.preferred_sd, np.diff(tree.dof))
+            out.append(zero / np.where(slack, np.sqrt(np.where(slack, tree.slack_var, 1.0)), sd))
         return np.concatenate(out)
 
     theirs = least_squares(residuals, np.zeros(len(NAMES) + len(measurements) * size), max_nfev=4)

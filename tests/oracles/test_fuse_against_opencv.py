@@ -6,7 +6,7 @@ from built import camera
 from posefuse.core import SE3, Rig
 from posefuse.fusion import triangulate
 from posefuse.fusion.kernels import lens
-from posefuse.fusion.kernels.packed import packed_rig
+from posefuse.fusion.kernels.lens import packed_rig
 
 K = np.array([[700.0, 0.0, 320.0], [0, 690.0, 240.0], [0, 0, 1]])
 BROWN = [-0.2, 0.05, 0.001, -0.002, 0.01, 0.02, -0.01, 0.005, 0.001, -0.002, 0.003, -0.001, 0.02, -0.03]

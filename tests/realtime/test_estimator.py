@@ -95,7 +95,7 @@ RED, BLUE = np.tile([45.0, 60.0, 40.0], (3, 1)), np.tile([40.0, 10.0, -50.0], (3
 
 
 class TrackerOfTwins:
-    """Tracks of people of one size, as a test says; implements `Tracker`."""
+    """Tracks of people of one size, as a test says; like `Tracker`."""
 
     health: ClassVar[dict[str, CameraStatistics]] = {}
 
@@ -112,8 +112,6 @@ class TrackerOfTwins:
         xyz = np.array([TWIN + [self.here[track], 0, 0] for track in tracks]).reshape(-1, 17, 3)
         kind = np.array([np.full(17, self.last_seen.get(track, Kind.FUSED)) for track in tracks]).reshape(xyz.shape[:2])
         return built.pose(xyz + rng.normal(0, 0.01, xyz.shape), tracks, t_ns, cov=np.zeros((3, 3)), kind=kind)
-
-    looked_for = at
 
     def check(self) -> None:
         """Nothing can wait."""

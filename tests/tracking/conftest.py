@@ -11,7 +11,7 @@ from posefuse.association import AssociateSettings, associate
 from posefuse.core import Detections2D, Pose3D, Rig, Views
 from posefuse.core.skeleton import COCO17
 from posefuse.fusion import FuseSettings, fuse
-from posefuse.tracking.online import LiveMotion, LiveSettings, Tracker, build_tracker
+from posefuse.tracking.online import LiveMotion, LiveSettings, Model, Tracker
 
 SIGMA_PX = 2.0
 
@@ -44,7 +44,7 @@ class World:
         def solve(together: Sequence[Detections2D], previous: Pose3D | None) -> Pose3D:
             return fuse(associate(together, self.rig, people, previous), self.rig, FuseSettings(), previous)
 
-        return build_tracker(self.rig, COCO17, live, solve, self.fuse, motion)
+        return Tracker(Model(self.rig, COCO17, live, motion), solve, self.fuse)
 
     def fed(self, views: Iterable[Detections2D], **settings: object) -> Tracker:
         """A tracker that was given these views."""

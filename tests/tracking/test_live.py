@@ -14,10 +14,9 @@ from posefuse.core import Kind, ShapeError
 from posefuse.core.skeleton import BODY_25, COCO17, SKELETONS
 from posefuse.formats.rig import read_rig
 from posefuse.fusion import FuseSettings, fuse
-from posefuse.tracking.online import LiveMotion, LiveSettings, build_tracker
+from posefuse.tracking.online import LiveSettings, Model, Tracker
 from posefuse.tracking.online import person as of_one_person
 from posefuse.tracking.online.cross_check import CrossCheck
-from posefuse.tracking.online.person import Model
 from posefuse.tracking.settings import LASTING_S, LASTING_SHARE
 from posefuse.tracking.stand_in import made_up_detections
 
@@ -93,7 +92,7 @@ def test_a_view_of_a_followed_person_costs_one_step_of_the_kernels_and_no_associ
         return scene.fuse(views)
 
     monkeypatch.setattr(of_one_person, "step", lambda *given, work=of_one_person.step: steps.append(given) or work(*given))
-    tracker = build_tracker(scene.rig, COCO17, LiveSettings(), solve, fuse_again, LiveMotion())
+    tracker = Tracker(Model(scene.rig, COCO17, LiveSettings()), solve, fuse_again)
     for view in scene.views(3.0):
         before, followed = (len(steps), len(solved)), len(tracker.at(view.t_ns).person_id) > 0
         tracker.add(view)

@@ -8,15 +8,15 @@ import pytest
 from posefuse.core import Skeleton
 from posefuse.core.depth import keypoint_depth
 from posefuse.core.skeleton import ANATOMICAL23, COCO17
-from posefuse.tracking.matrix_kernels import inverse3
-from posefuse.tracking.online import LiveMotion, LiveSettings, MotionModel
+from posefuse.tracking.online import LiveMotion, LiveSettings, Model, MotionModel
 from posefuse.tracking.online.kernels.body import start_missing
-from posefuse.tracking.online.kernels.own_motion import CorrectionLimits, Prediction, Regression, correct
+from posefuse.tracking.online.kernels.own_motion import HORIZON_S, Prediction, Regression, correct
+from posefuse.tracking.online.kernels.pose import rays_of_person
 from posefuse.tracking.online.kernels.rays import depth_row, exchange_person, expected_depth
-from posefuse.tracking.online.kernels.state import NEVER, KeypointRays, parts, state_size
+from posefuse.tracking.online.kernels.state import NEVER, KeypointRays, born, parts, state_size
 from posefuse.tracking.online.kernels.updates import doubt, update_depth
-from posefuse.tracking.online.own_motion import HORIZON_S, OwnMotion
-from posefuse.tracking.online.person import Model, Person, View
+from posefuse.tracking.online.own_motion import OwnMotion
+from posefuse.tracking.smooth_kernels import inverse3
 
 
 def test_doubt_adds_uncertainty_of_position_and_velocity_only() -> None:
@@ -65,18 +65,17 @@ def test_a_view_that_exchanges_a_limb_is_put_in_order(ring_rig) -> None:
     model, rng = Model(ring_rig(2), ANATOMICAL23, LiveSettings()), np.random.default_rng(0)
     k, camera = len(ANATOMICAL23), model.rig.cameras[1].cam_from_world
     xyz = rng.normal(0, 0.5, (k, 3)) + [0.0, 0.0, 1.0]
-    person = Person(model, 1, 0, xyz, np.broadcast_to(np.eye(3) * 1e-4, (k, 3, 3)))
     there = xyz @ camera.matrix().T + camera.xyz
     ideal = there[:, :2] / there[:, 2:]
-    order = np.where(model.group == 0, model.skeleton.mirror, np.arange(k))
-    seen, hidden = ideal[order], int(np.flatnonzero(model.group == 1)[0])
+    order = np.where(model.arrays.group == 0, model.skeleton.mirror, np.arange(k))
+    seen, hidden = ideal[order], int(np.flatnonzero(model.arrays.group == 1)[0])
     seen[hidden] = np.nan
     sigma = rng.uniform(0.001, 0.003, k)
     white = np.eye(2) / sigma[order, None, None]
     rays = KeypointRays(camera=1, z=seen, white=white, late_s=rng.uniform(0, 0.01, k), sigma_px=np.ones(k))
-    view = View(t_ns=0, rays=rays)
-    z, inverse_var, then = np.empty((k, 2)), np.empty(k), np.empty((k, 3))
-    person.rays_into(view, z, inverse_var, then)
+    before, z, inverse_var, then = np.empty(state_size(model.arrays)), np.empty((k, 2)), np.empty(k), np.empty((k, 3))
+    born(before, model.arrays, xyz, np.broadcast_to(np.eye(3) * 1e-4, (k, 3, 3)), 1.0)
+    rays_of_person((before, before), 0.0, 0.005, rays, model.arrays, z, inverse_var, then)
     known = np.arange(k) != hidden
     np.testing.assert_allclose(z[known], ideal[known])
     np.testing.assert_allclose(inverse_var[known], sigma[known] ** -2.0)
@@ -169,7 +168,7 @@ def test_a_camera_alone_is_left_to_its_depth(world):
 
 def test_the_row_of_depth_is_its_derivative(ring_rig):
     rig = ring_rig(1)
-    camera = Model.cameras.func(type("One", (), {"rig": rig})())[0]
+    camera = Model(rig, COCO17, LiveSettings()).arrays.cameras[0]
     point, measured, row, scratch = np.array([0.3, -0.2, 1.1]), np.array([3.0, 0.05]), np.empty(3), np.empty(3)
     error = depth_row(camera, point, measured, row)
     assert error == pytest.approx((3.0 - (rig.cameras[0].cam_from_world @ point)[2]) / 0.05)
@@ -275,11 +274,10 @@ def test_a_correction_is_as_large_as_its_age_and_its_tests_allow():
     features, weights = rng.normal(size=2), 0.1 * rng.normal(size=(2, 3, 3))
     weights[:, 2] *= 1e3
     made = Prediction(frame, features, np.zeros((3, 3)), np.array([0.02, 0.02, 0.5]))
-    tested = np.array([[2.0, 3.0], [-1.0, 2.0], [9.0, 1.0]])
+    tested = np.array([[0.1, 0.15], [-0.05, 0.1], [9.0, 1.0]])
     regression = Regression(np.zeros((2, 2)), np.zeros((2, 3, 3)), weights, tested)
-    limits = CorrectionLimits(tested=1.0, oldest_s=0.15, most_m=0.2)
     xyz = np.ones((3, 3))
-    correct(made, regression, 0.05, limits, xyz)
+    correct(made, regression, 0.05, xyz)
     speed = np.einsum("d,dka->ka", features, weights) @ frame
     # half of what is expected counts for the first: it is tested as much as the limit says
     np.testing.assert_allclose(xyz[0], 1 + 0.07 * 0.5 * speed[0])

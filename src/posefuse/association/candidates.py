@@ -51,7 +51,8 @@ def candidates_from_detections(detections: Sequence[Detections2D], rig: Rig) -> 
     """All detections (one entry per camera, in the order of the rig) as rays."""
     camera = np.repeat(np.arange(len(rig)), [len(d) for d in detections])
     place = np.concatenate([np.arange(len(d)) for d in detections])
-    xy_norm = np.concatenate([cam.norm_from_px(d.xy_img) for cam, d in zip(rig, detections, strict=True)])
+    by_camera = [cam.norm_from_px(d.xy_img) for cam, d in zip(rig, detections, strict=True)]
+    xy_norm = np.concatenate(by_camera)
     score = np.concatenate([np.nan_to_num(d.score.astype(np.float64)) for d in detections])
     score = np.where(np.isfinite(xy_norm).all(axis=-1), score, 0.0)
     rotation = np.stack([cam.cam_from_world.matrix() for cam in rig])[camera]
@@ -60,7 +61,7 @@ def candidates_from_detections(detections: Sequence[Detections2D], rig: Rig) -> 
     direction = ahead @ rotation
     direction = direction / np.linalg.norm(direction, axis=-1, keepdims=True)
     mirror = np.asarray(detections[0].skeleton.mirror, np.int64)
-    deep = [_deep_world(cam, d, norm) for cam, d, norm in zip(rig, detections, _by_camera(xy_norm, detections), strict=True)]
+    deep = [_deep_world(cam, d, norm) for cam, d, norm in zip(rig, detections, by_camera, strict=True)]
     return Candidates(
         camera=camera,
         place=place,
@@ -73,10 +74,6 @@ def candidates_from_detections(detections: Sequence[Detections2D], rig: Rig) -> 
         mirror=mirror,
         deep_world=np.concatenate(deep) if any(d.depth_m is not None for d in detections) else None,
     )
-
-
-def _by_camera(xy_norm: Array, detections: Sequence[Detections2D]) -> list[Array]:
-    return np.split(xy_norm, np.cumsum([len(d) for d in detections])[:-1])
 
 
 def _deep_world(camera: Camera, detections: Detections2D, norm: Array) -> Array:
@@ -119,21 +116,16 @@ def pair_midpoints(candidates: Candidates, pairs: Array) -> tuple[Array, Array]:
     return middle, gap
 
 
-def member_points(candidates: Candidates, members: Array, tolerance_m: float) -> Array:
-    """`joint_points`; of a single detection with depth its own points, at their depth."""
-    if len(members) == 1 and candidates.deep_world is not None:
-        return np.asarray(candidates.deep_world[members[0]])
-    return joint_points(candidates, members, tolerance_m)
-
-
 def joint_points(candidates: Candidates, members: Array, tolerance_m: float) -> Array:
     """(K, 3) points nearest to the rays of several detections; NaN where fewer than two see the keypoint.
 
     Score-weighted least squares on the distances to the rays, re-weighted (Cauchy at the tolerance) so that a member
-    that does not belong cannot pull.
+    that does not belong cannot pull. Of a single detection with depth its own points, at their depth.
     """
     from .kernels import joint_points as kernel
 
+    if len(members) == 1 and candidates.deep_world is not None:
+        return np.asarray(candidates.deep_world[members[0]])
     xyz = np.empty((candidates.score.shape[1], 3))
     kernel(candidates.direction, candidates.centre, candidates.score, members, tolerance_m, xyz)
     return xyz

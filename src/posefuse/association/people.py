@@ -23,7 +23,7 @@ from .candidates import (
     agreement,
     best_per_camera,
     candidates_from_detections,
-    member_points,
+    joint_points,
     pair_midpoints,
     refined_members,
 )
@@ -128,7 +128,7 @@ def _found_again(candidates: Candidates, members: Array, lost: list[_Known], set
     """The nearest of the people out of sight who can have moved here; None if the distance is too large for all."""
     if not lost:
         return None
-    pose = member_points(candidates, members, settings.tolerance_m)
+    pose = joint_points(candidates, members, settings.tolerance_m)
     distances = [median_apart(pose, one.xyz_world) for one in lost]
     nearest = int(np.argmin(distances))
     reach = max(_reach_m(lost[nearest].age_s, settings), 4 * settings.tolerance_m)
@@ -187,12 +187,12 @@ def _one_each(camera: Array, support: Array) -> Array:
 
 def _is_near(candidates: Candidates, members: Array, before: Array, reach_m: float, settings: AssociateSettings) -> bool:
     """Whether the members' pose is where the person can be: a bystander in front of them in one view is not."""
-    alone = member_points(candidates, members, settings.tolerance_m) if len(members) == 1 else None
+    alone = joint_points(candidates, members, settings.tolerance_m) if len(members) == 1 else None
     if alone is not None and not np.isfinite(alone[:, 0]).any():
         # one view without depth has no distance: it must fit the previous pose closely, size included
         _, share = agreement(candidates, before[None], settings.tolerance_m)
         return bool(share[0, members[0]] >= _ALONE_SHARE)
-    return median_apart(member_points(candidates, members, settings.tolerance_m), before) <= reach_m
+    return median_apart(joint_points(candidates, members, settings.tolerance_m), before) <= reach_m
 
 
 def _assignment(cameras: int, candidates: Candidates, found: dict[int, Array]) -> Assignment:
@@ -274,7 +274,7 @@ def _is_a_body(candidates: Candidates, members: Array, skeleton: Skeleton, setti
     """
     if len(members) > 2:
         return True
-    pose = member_points(candidates, members, settings.tolerance_m)
+    pose = joint_points(candidates, members, settings.tolerance_m)
     lengths = body_lengths_m(pose[None], skeleton)
     if len(members) == 1 and not np.isfinite(lengths).any():
         return False

@@ -13,15 +13,16 @@ import numpy as np
 
 from posefuse.core import Detections2D, Skeleton
 from posefuse.core.arrays import Array
-from posefuse.core.skeleton import LIMB_ENDS, SIDES
+from posefuse.core.skeleton import LIMB_ENDS, SIDES, pick_keypoints
 from posefuse.core.values import UNSEEN
 
 from .candidates import Assignment
 
-_SIDED = (*LIMB_ENDS.values(), ("shoulder", "hip"))
-# how many of the traits are lengths
+# how many of the traits are lengths; each is the mean of both sides, between girdles twice the same
 LENGTHS = 7
-_GIRDLES = ("shoulder", "hip")
+_SPANS = [[(f"{side}_{a}", f"{side}_{b}") for side in SIDES] for a, b in (*LIMB_ENDS.values(), ("shoulder", "hip"))]
+_SPANS += [[(f"left_{name}", f"right_{name}")] * len(SIDES) for name in ("shoulder", "hip")]
+_ENDS = tuple(zip(*(ends for sides in _SPANS for ends in sides), strict=True))
 # adults of one population: standard deviation of a length as a share of it
 _POPULATION_SHARE = 0.08
 # change of a measured length with cameras and poses: the part of the bundled network's errors that does not average out
@@ -43,16 +44,11 @@ _LEAST_FRAMES = 4
 
 def body_lengths_m(xyz_world: Array, skeleton: Skeleton) -> Array:
     """(N, 7) upper arm, forearm, thigh, shank, side of the trunk, shoulder width, hip width of poses (N, K, 3); NaN unknown."""
-    place = {name: i for i, name in enumerate(skeleton.keypoints)}
-    columns = []
-    pairs = [[(f"{side}_{a}", f"{side}_{b}") for side in SIDES] for a, b in _SIDED]
-    pairs += [[(f"left_{name}", f"right_{name}")] for name in _GIRDLES]
-    for ends in pairs:
-        lengths = np.stack([_length(xyz_world, place, *pair) for pair in ends])
-        known = np.isfinite(lengths)
-        total = np.where(known, lengths, 0.0).sum(axis=0)
-        columns.append(np.where(known.any(axis=0), total / np.maximum(known.sum(axis=0), 1), np.nan))
-    return np.stack(columns, axis=-1)
+    one, other = (pick_keypoints(xyz_world, skeleton, ends) for ends in _ENDS)
+    lengths = np.linalg.norm(one - other, axis=-1).reshape(len(xyz_world), LENGTHS, len(SIDES))
+    known = np.isfinite(lengths)
+    total = np.where(known, lengths, 0.0).sum(axis=-1)
+    return np.where(known.any(axis=-1), total / np.maximum(known.sum(axis=-1), 1), np.nan)
 
 
 def plausible_share(lengths_m: Array) -> Array:
@@ -60,12 +56,6 @@ def plausible_share(lengths_m: Array) -> Array:
     known = np.isfinite(lengths_m)
     fits = known & (lengths_m >= _LEAST_M) & (lengths_m <= _MOST_M)
     return np.asarray(fits.sum(axis=-1) / np.maximum(known.sum(axis=-1), 1))
-
-
-def _length(xyz: Array, place: dict[str, int], a: str, b: str) -> Array:
-    if a not in place or b not in place:
-        return np.full(len(xyz), np.nan)
-    return np.asarray(np.linalg.norm(xyz[:, place[a]] - xyz[:, place[b]], axis=-1))
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import field, replace
 from pathlib import Path
 from typing import Annotated
 
@@ -30,23 +30,6 @@ from .search import SquareFinder
 _LEAST_PRESENCE = 0.5
 
 
-@dataclass(frozen=True, eq=False)
-class Look:
-    """One person in one crop.
-
-    Attributes:
-        presence: probability that the crop holds a person.
-        xy: (K, 2) px of the crop, pixel centres at integers.
-        score: (K,) probability that a keypoint is there and not hidden.
-        sigma_px: (K,) standard deviation of each coordinate, crop px.
-    """
-
-    presence: float
-    xy: Array
-    score: Array
-    sigma_px: Array
-
-
 class LandmarkNetwork:
     """A landmark network, compiled, the noise model fitted to it, and the skeleton it marks."""
 
@@ -58,26 +41,29 @@ class LandmarkNetwork:
             raise ConfigError(f"{card.name}: a network of BlazePose's layout needs a noise model: `noise = FILE` in its card")
         self.noise, self.skeleton = read_noise(card.noise_file), card.skeleton
 
-    def look(self, crops: Sequence[Array]) -> list[Look]:
+    def look(self, crops: Sequence[Array]) -> list[DetectedPerson]:
         """One look at each crop (side, side, 3) uint8."""
         landmarks, presence, heatmaps = self.network(crops)
         seen = landmarks_from_outputs(landmarks, presence, heatmaps, len(self.skeleton), self.network.side_px)
         sigma = self.noise.sigma(landmark_noise_features(seen), self.skeleton.keypoints)
         return [
-            Look(float(presence), seen.xy_crop[b], seen.visibility[b] * presence, sigma[b])
+            DetectedPerson(seen.xy_crop[b], seen.visibility[b] * presence, sigma[b], float(presence))
             for b, presence in enumerate(seen.presence)
         ]
 
-    def look_in_mirror(self, crops: Sequence[Array]) -> list[Look]:
+    def look_in_mirror(self, crops: Sequence[Array]) -> list[DetectedPerson]:
         """The same on the mirrored crops, in pixels and sides of the original crops."""
         other = self.skeleton.mirror
         last = self.network.side_px - 1
         looks = self.look([np.ascontiguousarray(crop[:, ::-1]) for crop in crops])
         back = [last, 0.0] + np.array([-1.0, 1.0]) * np.stack([look.xy[other] for look in looks])
-        return [Look(look.presence, xy, look.score[other], look.sigma_px[other]) for look, xy in zip(looks, back, strict=True)]
+        return [
+            DetectedPerson(xy, look.score[other], look.sigma_px[other], look.presence)
+            for look, xy in zip(looks, back, strict=True)
+        ]
 
 
-def averaged(looks: Sequence[Look]) -> Look:
+def averaged(looks: Sequence[DetectedPerson]) -> DetectedPerson:
     """One look from several at the same crop, weighted by 1/sigma^2.
 
     Networks trained on the same images have correlated errors, so the average is not more certain than its parts; what they
@@ -90,11 +76,11 @@ def averaged(looks: Sequence[Look]) -> Look:
     weight = 1 / variance / (1 / variance).sum(axis=0)
     mean = (weight[..., None] * xy).sum(axis=0)
     apart = (weight * ((xy - mean) ** 2).mean(axis=-1)).sum(axis=0)
-    return Look(
-        float(np.mean([look.presence for look in counted])),
+    return DetectedPerson(
         mean,
         np.mean([look.score for look in counted], axis=0),
         np.sqrt((weight * variance).sum(axis=0) + apart),
+        float(np.mean([look.presence for look in counted])),
     )
 
 
@@ -182,19 +168,15 @@ class BlazePoseDetector(NetworkDetector):
 
     def _given(self, asked: Sequence[tuple[Frame, Sequence[Region]]]) -> list[list[DetectedPerson]]:
         looks = iter(self._look([(frame, region) for frame, regions in asked for region in regions]))
-        return [[self._person(next(looks)) for _ in regions] for _, regions in asked]
-
-    def _person(self, look: Look) -> DetectedPerson:
-        if look.presence < _LEAST_PRESENCE:
-            return DetectedPerson.missing(len(self.skeleton))
-        return DetectedPerson(look.xy, look.score, look.sigma_px)
+        missing = DetectedPerson.missing(len(self.skeleton))
+        return [[look if (look := next(looks)).presence >= _LEAST_PRESENCE else missing for _ in regions] for _, regions in asked]
 
     def _search(self, frames: Sequence[Frame]) -> list[list[Region]]:
         """Everybody in whole images, stage by stage; what the landmark network does not confirm was no person.
 
         Those who are found first are not all: closer stages follow until one of them finds no new person.
         """
-        found: list[list[Look]] = [[] for _ in frames]
+        found: list[list[DetectedPerson]] = [[] for _ in frames]
         plans = [self._finder.stages(frame.size_wh, self._up_rad.get(frame.camera, 0.0)) for frame in frames]
         open_frames = list(range(len(frames)))
         while open_frames:
@@ -205,7 +187,9 @@ class BlazePoseDetector(NetworkDetector):
         regions = [[region_from_keypoints(look.xy, self.skeleton) for look in people] for people in found]
         return [[region for region in some if region is not None] for some in regions]
 
-    def _look_at_squares(self, frames: Sequence[Frame], squares: Mapping[int, list[Region]], found: list[list[Look]]) -> None:
+    def _look_at_squares(
+        self, frames: Sequence[Frame], squares: Mapping[int, list[Region]], found: list[list[DetectedPerson]]
+    ) -> None:
         """Add the people of squares of frames, by the number of the frame, to those found."""
         regions = self._finder.people([(frames[i], some) for i, some in squares.items()])
         candidates = [(i, region) for i, some in zip(squares, regions, strict=True) for region in some]
@@ -216,7 +200,7 @@ class BlazePoseDetector(NetworkDetector):
             if region_from_keypoints(look.xy, self.skeleton) is not None and not _known(look, found[i]):
                 found[i].append(look)
 
-    def _look(self, people: Sequence[tuple[Frame, Region]], thoroughly: bool = True) -> list[Look]:
+    def _look(self, people: Sequence[tuple[Frame, Region]], thoroughly: bool = True) -> list[DetectedPerson]:
         """Landmarks of each person in raw px; if not `thoroughly`, by the first network alone."""
         if not people:
             return []
@@ -229,12 +213,12 @@ class BlazePoseDetector(NetworkDetector):
         return [_in_image(look, region, side) for look, (_, region) in zip(looks, people, strict=True)]
 
 
-def _in_image(look: Look, region: Region, side_px: int) -> Look:
+def _in_image(look: DetectedPerson, region: Region, side_px: int) -> DetectedPerson:
     """The same in raw px instead of crop px."""
     return replace(look, xy=img_from_crop(region, side_px, look.xy), sigma_px=look.sigma_px * region.side_px / side_px)
 
 
-def _known(look: Look, others: Sequence[Look]) -> bool:
+def _known(look: DetectedPerson, others: Sequence[DetectedPerson]) -> bool:
     """Whether two detections show the same person: their keypoints coincide."""
     for other in others:
         side = max(np.ptp(look.xy, axis=0).max(), np.ptp(other.xy, axis=0).max())

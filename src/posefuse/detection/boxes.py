@@ -34,7 +34,7 @@ def people_from_yolox(output: Array, size_wh: tuple[int, int], decoding: Decodin
         cells, strides = _grid(size_wh)
         centre, size = (centre + cells) * strides, np.exp(np.minimum(size, 20.0)) * strides
     score = rows[:, 4] * rows[:, 5 + decoding.person_class]
-    return kept(People(np.hstack([centre - size / 2, centre + size / 2]), score), decoding)
+    return _kept(np.hstack([centre - size / 2, centre + size / 2]), score, decoding)
 
 
 def people_from_detections(detections: Array, labels: Array | None, decoding: Decoding) -> People:
@@ -46,24 +46,22 @@ def people_from_detections(detections: Array, labels: Array | None, decoding: De
     """
     rows = detections[0].astype(np.float64)
     person = np.full(len(rows), True) if labels is None else labels[0] == decoding.person_class
-    return kept(People(rows[person, :4], rows[person, 4]), decoding)
+    return _kept(rows[person, :4], rows[person, 4], decoding)
 
 
-def kept_indices(box: Array, score: Array, decoding: Decoding) -> Array:
-    """Indices of the boxes that score enough and overlap no better one too much, best first."""
+def _kept(box: Array, score: Array, decoding: Decoding, points: Array | None = None) -> People:
+    """Boxes that score enough and overlap no better one too much, best first, with their points (N, K, 3) if there are some."""
     left = np.flatnonzero(score >= decoding.least_score)
     left = left[np.argsort(-score[left], kind="stable")]
-    chosen = []
+    chosen = np.zeros(0, np.intp)
     while len(left):
-        chosen.append(left[0])
+        chosen = np.append(chosen, left[0])
         left = left[1:][overlap(box[left[0]], box[left[1:]]) <= decoding.most_overlap]
-    return np.array(chosen, dtype=np.intp)
-
-
-def kept(people: People, decoding: Decoding) -> People:
-    """The same without those of `kept_indices` that are left out; boxes only."""
-    chosen = kept_indices(people.box, people.score, decoding)
-    return People(people.box[chosen], people.score[chosen])
+    if points is None:
+        return People(box[chosen], score[chosen])
+    known = np.clip(np.nan_to_num(points[chosen, :, 2]), 0, 1)
+    xy = np.where(known[..., None] > 0, points[chosen, :, :2], np.nan)
+    return People(box[chosen], score[chosen], Keypoints(xy, known, np.full_like(xy, np.nan), np.zeros_like(known)))
 
 
 def cell_count(size_wh: tuple[int, int]) -> int:
@@ -92,7 +90,7 @@ def people_from_rtmo(detections: Array, keypoints: Array, decoding: Decoding) ->
         decoding: thresholds.
     """
     rows = detections[0].astype(np.float64)
-    return _people(rows[:, :4], rows[:, 4], keypoints[0].astype(np.float64), decoding)
+    return _kept(rows[:, :4], rows[:, 4], decoding, keypoints[0].astype(np.float64))
 
 
 def people_from_yolo_pose(output: Array, decoding: Decoding) -> People:
@@ -105,19 +103,11 @@ def people_from_yolo_pose(output: Array, decoding: Decoding) -> People:
     """
     if decoding.end_to_end:
         rows = output[0].astype(np.float64)
-        return _people(rows[:, :4], rows[:, 4], rows[:, _BOX_SCORE_CLASS:].reshape(len(rows), -1, 3), decoding)
+        return _kept(rows[:, :4], rows[:, 4], decoding, rows[:, _BOX_SCORE_CLASS:].reshape(len(rows), -1, 3))
     rows = output[0].T.astype(np.float64)
     centre, size = rows[:, :2], rows[:, 2:4]
     points = rows[:, _BOX_AND_SCORE:].reshape(len(rows), -1, 3)
-    return _people(np.hstack([centre - size / 2, centre + size / 2]), rows[:, 4], points, decoding)
-
-
-def _people(box: Array, score: Array, points: Array, decoding: Decoding) -> People:
-    chosen = kept_indices(box, score, decoding)
-    points = points[chosen]
-    known = np.clip(np.nan_to_num(points[..., 2]), 0, 1)
-    xy = np.where(known[..., None] > 0, points[..., :2], np.nan)
-    return People(box[chosen], score[chosen], Keypoints(xy, known, np.full_like(xy, np.nan), np.zeros_like(known)))
+    return _kept(np.hstack([centre - size / 2, centre + size / 2]), rows[:, 4], decoding, points)
 
 
 # per output of a layout, a shape whose letters may be any number

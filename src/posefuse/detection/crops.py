@@ -35,6 +35,12 @@ def check_regions(frames: Sequence[Frame], regions: Sequence[Sequence[Region] | 
         raise ShapeError(f"detect: expected regions for each of {len(frames)} frames, got {len(regions)}")
 
 
+def nearest_to(region: Region, middles: Array, most: float) -> int | None:
+    """Which of points (n, 2) is nearest to the middle of a region; None where all are farther than this share of its side."""
+    away = np.linalg.norm(middles.reshape(-1, 2) - region.centre_img, axis=-1) / region.side_px
+    return int(away.argmin()) if away.min(initial=np.inf) < most else None
+
+
 def region_from_keypoints(xy_img: Any, skeleton: Skeleton, up_img: Any = None) -> Region | None:
     """Region about a person's keypoints (K, 2), upright by the spine.
 

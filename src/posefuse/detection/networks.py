@@ -23,24 +23,30 @@ from posefuse.foundation.places import default_cache_dir
 from posefuse.foundation.platform import usable_cores
 from posefuse.foundation.settings import settings
 
-from .boxes import keypoints_of, people_from_outputs
+from .boxes import keypoints_of
 from .card import PERSONS, OnnxCard, PersonCard, persons_card, read_card
-from .crops import check_regions, img_from_input, input_crop_from_img, letterbox_from_img, region_from_keypoints, warp_to_input
+from .crops import check_regions, img_from_input, input_crop_from_img, nearest_to, region_from_keypoints, warp_to_input
 from .decode import Keypoints, People
 from .device import Precision, device_of
 from .engines import OnnxNetwork
 from .files import Trust, fetch_all
 from .noise import keypoint_noise_features, read_noise
-from .search import BoxFinder, PersonFinder, SquareFinder, upright_first
+from .search import BoxFinder, PersonFinder, SquareFinder, people_in_images, upright_first
 
 
 @dataclass(frozen=True, eq=False)
 class DetectedPerson:
-    """One person in raw px: keypoints (K, 2), scores (K,), standard deviations (K,)."""
+    """One person in px of an image or a crop, pixel centres at integers.
+
+    Attributes:
+        xy: (K, 2). score: (K,) probability that a keypoint is there and not hidden.
+        sigma_px: (K,) standard deviation of each coordinate. presence: probability that there is a person.
+    """
 
     xy: Array
     score: Array
     sigma_px: Array
+    presence: float = 1.0
 
     @staticmethod
     def missing(count: int) -> DetectedPerson:
@@ -294,24 +300,15 @@ class OneStageDetector(_Networked):
         """The same; the whole image is looked at, as in use. None for no person."""
         people = self._observe([(frame, 0.0)])[0]
         middles = [img_from_input(seen.input_from_img, np.nanmean(seen.keypoints.xy[0], axis=0)) for seen in people]
-        away = [float(np.linalg.norm(middle - region.centre_img)) / region.side_px for middle in middles]
-        return people[int(np.argmin(away))] if away and min(away) < _IN_REGION else None
+        place = nearest_to(region, np.array(middles), _IN_REGION)
+        return None if place is None else people[place]
 
     def _look(self, images: Sequence[tuple[Frame, float]]) -> list[list[DetectedPerson]]:
         made = [[self._person(seen) for seen in people] for people in self._observe(images)]
         return [[person for person in people if person.score.any()] for people in made]
 
     def _observe(self, images: Sequence[tuple[Frame, float]]) -> list[list[Observed]]:
-        card = self._network.card
-        affines = [letterbox_from_img(frame.size_wh, card.input, angle) for frame, angle in images]
-        inputs = [
-            warp_to_input(frame.image, affine, card.input, card.input.fill)
-            for (frame, _), affine in zip(images, affines, strict=True)
-        ]
-        return [
-            self._split(people_from_outputs(card, outputs), affine)
-            for outputs, affine in zip(self._network(inputs), affines, strict=True)
-        ]
+        return [self._split(people, affine) for people, affine in people_in_images(self._network, images)]
 
     def _split(self, people: People, input_from_img: Array) -> list[Observed]:
         seen = people.keypoints
@@ -326,12 +323,8 @@ class OneStageDetector(_Networked):
     def _chosen(self, people: Sequence[DetectedPerson], regions: Sequence[Region]) -> list[DetectedPerson]:
         """For each region the person whose middle is nearest to its centre, no person where that is too far."""
         middles = np.array([np.nanmean(person.xy, axis=0) for person in people]).reshape(-1, 2)
-        chosen = []
-        for region in regions:
-            away = np.linalg.norm(middles - region.centre_img, axis=-1) / region.side_px
-            near = len(people) > 0 and away.min() < _IN_REGION
-            chosen.append(people[int(away.argmin())] if near else DetectedPerson.missing(len(self.skeleton)))
-        return chosen
+        places = [nearest_to(region, middles, _IN_REGION) for region in regions]
+        return [DetectedPerson.missing(len(self.skeleton)) if place is None else people[place] for place in places]
 
 
 def _known(region: Region, others: Sequence[Region]) -> bool:

@@ -20,7 +20,7 @@ from posefuse.core.view_sequences import ViewSequence
 from posefuse.formats.truth import read_truth
 from posefuse.foundation.settings import settings
 
-from .crops import check_regions
+from .crops import check_regions, nearest_to
 
 _FAR_TIME_NS = 1_000_000
 _OUTLIER_SCORES = (0.2, 0.9)
@@ -154,8 +154,8 @@ def _in_regions(xy: Array, score: Array, sigma: Array, regions: Sequence[Region]
     seen = np.flatnonzero((score > 0).any(-1))
     middle = np.array([np.nanmean(xy[n], axis=0) for n in seen]).reshape(-1, 2)
     for r, region in enumerate(regions):
-        away = np.linalg.norm(middle - region.centre_img, axis=-1)
-        if len(seen) and away.min() <= region.side_px / 2:
-            n = seen[away.argmin()]
+        place = nearest_to(region, middle, 0.5)
+        if place is not None:
+            n = seen[place]
             out_xy[r], out_score[r], out_sigma[r] = xy[n], score[n], sigma[n]
     return out_xy, out_score, out_sigma

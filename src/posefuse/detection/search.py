@@ -20,6 +20,7 @@ from posefuse.core.arrays import Array
 from .boxes import people_from_outputs
 from .card import PersonCard, PersonDecoding
 from .crops import Crops, img_from_crop, img_from_input, letterbox_from_img, overlap, region_of_box, warp_to_input
+from .decode import People
 from .device import CPU, Device, Precision
 from .engines import BlazePoseNetwork, OnnxNetwork
 
@@ -27,23 +28,6 @@ from .engines import BlazePoseNetwork, OnnxNetwork
 _UPRIGHT_RAD = np.deg2rad(15.0)
 _ZOOMS = (1.6, 2.5)
 _OVERLAP = 0.4
-
-
-def stages(size_wh: tuple[int, int], up_rad: float) -> Iterator[list[Region]]:
-    """Squares of the image to look at together, stage by stage until a stage finds no new person.
-
-    Args:
-        size_wh: of the image.
-        up_rad: where gravity's up is in the image, clockwise from the image's up; 0 when unknown.
-
-    Yields:
-        The whole image as it is; turned upright by gravity; and tiles of it, ever smaller.
-    """
-    yield [_whole(size_wh, 0.0)]
-    if abs(up_rad) > _UPRIGHT_RAD:
-        yield [_whole(size_wh, up_rad)]
-    for zoom in _ZOOMS:
-        yield _tiles(size_wh, max(size_wh) / zoom, up_rad)
 
 
 def _whole(size_wh: tuple[int, int], angle_rad: float) -> Region:
@@ -103,12 +87,8 @@ def regions_from_outputs(
         up = ends[1] - ends[0]
         radius = float(np.linalg.norm(up))
         if radius > 0:
-            found.append(
-                (
-                    float(weight[0]),
-                    Region(centre_img=ends[0], side_px=2 * _ROOM * radius, angle_rad=float(np.arctan2(up[0], -up[1]))),
-                )
-            )
+            region = Region(centre_img=ends[0], side_px=2 * _ROOM * radius, angle_rad=float(np.arctan2(up[0], -up[1])))
+            found.append((float(weight[0]), region))
     return found
 
 
@@ -139,7 +119,10 @@ class PersonFinder(Protocol):
     """Finds people in whole images."""
 
     def stages(self, size_wh: tuple[int, int], up_rad: float) -> Iterator[list[Region]]:
-        """Parts of an image of this size to look at, stage by stage until a person is confirmed; see `stages`."""
+        """Squares of an image of this size to look at together, stage by stage until a person is confirmed.
+
+        up_rad: where gravity's up is in the image, clockwise from the image's up; 0 when unknown.
+        """
         ...
 
     def people(self, looks: Sequence[tuple[Frame, Sequence[Region]]]) -> list[list[Region]]:
@@ -164,13 +147,10 @@ class BoxFinder:
 
     def people(self, looks: Sequence[tuple[Frame, Sequence[Region]]]) -> list[list[Region]]:
         """See `PersonFinder`."""
-        takes = self._network.card.input
         whole = [(frame, part.angle_rad) for frame, parts in looks for part in parts]
-        affines = [letterbox_from_img(frame.size_wh, takes, angle) for frame, angle in whole]
-        inputs = [warp_to_input(one.image, affine, takes, takes.fill) for (one, _), affine in zip(whole, affines, strict=True)]
         return [
-            [self._region(affine, box, angle) for box in people_from_outputs(self._network.card, outputs).box]
-            for outputs, affine, (_, angle) in zip(self._network(inputs), affines, whole, strict=True)
+            [self._region(affine, box, angle) for box in people.box]
+            for (people, affine), (_, angle) in zip(people_in_images(self._network, whole), whole, strict=True)
         ]
 
     def _region(self, input_from_img: Array, box: Array, up_rad: float) -> Region:
@@ -191,9 +171,14 @@ class SquareFinder:
         self._network = BlazePoseNetwork(file, outputs, card.input, precision, streams, device)
         self._decoding = card.decoding
 
-    def stages(self, size_wh: tuple[int, int], up_rad: float) -> Iterator[list[Region]]:
-        """See `PersonFinder`."""
-        return stages(size_wh, up_rad)
+    @staticmethod
+    def stages(size_wh: tuple[int, int], up_rad: float) -> Iterator[list[Region]]:
+        """The whole image as it is; turned upright by gravity; and tiles of it, ever smaller. See `PersonFinder`."""
+        yield [_whole(size_wh, 0.0)]
+        if abs(up_rad) > _UPRIGHT_RAD:
+            yield [_whole(size_wh, up_rad)]
+        for zoom in _ZOOMS:
+            yield _tiles(size_wh, max(size_wh) / zoom, up_rad)
 
     def people(self, looks: Sequence[tuple[Frame, Sequence[Region]]]) -> list[list[Region]]:
         """See `PersonFinder`."""
@@ -206,6 +191,14 @@ class SquareFinder:
         )
         found = [[entry for _ in squares for entry in next(scored)] for _, squares in looks]
         return [[region for _, region in sorted(one, key=lambda entry: -entry[0])] for one in found]
+
+
+def people_in_images(network: OnnxNetwork, images: Sequence[tuple[Frame, float]]) -> Iterator[tuple[People, Array]]:
+    """People in whole images, each turned so that this direction of up is up, and the (2, 3) affine map from raw px to theirs."""
+    card, takes = network.card, network.card.input
+    affines = [letterbox_from_img(frame.size_wh, takes, angle) for frame, angle in images]
+    inputs = [warp_to_input(one.image, affine, takes, takes.fill) for (one, _), affine in zip(images, affines, strict=True)]
+    return ((people_from_outputs(card, one), affine) for one, affine in zip(network(inputs), affines, strict=True))
 
 
 def upright_first(up_rad: float) -> Sequence[float]:

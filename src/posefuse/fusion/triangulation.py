@@ -14,7 +14,7 @@ from posefuse.core import ConfigError, Kind, Pose3D, Rig, ShapeError, Skeleton, 
 from posefuse.core.arrays import Array
 from posefuse.core.depth import keypoint_depth
 from posefuse.core.errors import choices
-from posefuse.core.skeleton import SIDES, pick_keypoints
+from posefuse.core.skeleton import LIMB_ENDS, SIDES, pick_keypoints
 
 from .settings import WEIGHTS, FuseSettings, Weights
 
@@ -26,11 +26,9 @@ from .settings import WEIGHTS, FuseSettings, Weights
 # knee to the thigh); shoulders, hips, neck and mid-hip to the trunk. Face and head keypoints belong to none: a head is
 # round, w_o = 1.
 
-_LIMBS = {"forearm": ("wrist", "elbow"), "upper_arm": ("elbow", "shoulder"), "shank": ("ankle", "knee"), "thigh": ("knee", "hip")}
-
 # segment -> (where its Z axis starts, where it points)
 SEGMENTS: dict[str, tuple[str, str]] = {"trunk": ("mid_hip", "neck")} | {
-    f"{side}_{limb}": (f"{side}_{start}", f"{side}_{end}") for side in SIDES for limb, (start, end) in _LIMBS.items()
+    f"{side}_{limb}": (f"{side}_{lower}", f"{side}_{upper}") for side in SIDES for limb, (upper, lower) in LIMB_ENDS.items()
 }
 
 _MEMBERS = {
@@ -90,9 +88,6 @@ def full_weight(rig: Rig, skeleton: Skeleton, score: Array, xyz_world: Array, se
     w_o = side_view(rig, skeleton, xyz_world)
     placed = (np.where(np.isnan(w_o), w_d, w_o) + w_d) / 2
     return score_weight(score, settings) * np.where(np.isnan(placed), 1.0, placed)
-
-
-# A rig as one flat float64 array per camera, the form the compiled kernels read.
 
 
 _DEFAULTS = FuseSettings()
@@ -217,11 +212,6 @@ def sigma_of_size(xy_img: Array, settings: FuseSettings) -> Array:
     return np.asarray(np.maximum(settings.sigma_share * extent.max(axis=-1), settings.sigma_min_px))
 
 
-def plain_weight(weights: Weights, xy_img: Array, score: Array, settings: FuseSettings) -> Array:
-    """The weights that need no pose: ``none`` is 1 for whatever was seen, ``score`` is w_s."""
-    return (score > 0).astype(np.float64) if weights == "none" else score_weight(score, settings)
-
-
 def solved_by(
     weights: Weights,
     rig: Rig,
@@ -237,7 +227,7 @@ def solved_by(
     """Groups (G, C, K, ...) to points by any weights; `depth` is of ``robust``, skeleton and previous points of ``all``."""
     if weights == "robust":
         return solve_robust(rig, xy_img, score, sigma, settings, depth=depth)
-    weight = plain_weight(weights, xy_img, score, settings)
+    weight = (score > 0).astype(np.float64) if weights == "none" else score_weight(score, settings)
     if weights == "all":
         if skeleton is None:
             raise ConfigError("triangulate: weights 'all' looks at body segments: give skeleton= (one of core.SKELETONS)")
@@ -251,47 +241,21 @@ def solved_by(
 def solve_robust(
     rig: Rig, xy_img: Array, score: Array, sigma: Array, settings: FuseSettings, *, depth: Array | None
 ) -> Triangulated:
-    """Robust fusion of groups (G, C, K, ...). Points that have a rival are missing: nothing decides which of the two is right.
-
-    Where the views of a group contradict each other everywhere, the rig is taken to be wrong: no view is then blamed, sigma
-    grows until they agree.
-    """
-    from .kernels import robust
-
-    points, contradicted = _solve_robust(rig, xy_img, score, sigma, settings, most_scale=robust.MAX_SCALE, depth=depth)
-    if contradicted.any():
-        at = np.flatnonzero(contradicted)
-        deep = None if depth is None else depth[at]
-        again, still = _solve_robust(rig, xy_img[at], score[at], sigma[at], settings, most_scale=robust.LAST_SCALE, depth=deep)
-        for plane, renewed in zip(vars(points).values(), vars(again).values(), strict=True):
-            plane[at[~still]] = renewed[~still]
-    return points
-
-
-def _solve_robust(
-    rig: Rig, xy_img: Array, score: Array, sigma: Array, settings: FuseSettings, *, most_scale: float, depth: Array | None
-) -> tuple[Triangulated, Array]:
-    """The points, and (G,) the groups in which most views miss their points by far more than they state."""
-    from .kernels import robust
-    from .kernels.packed import packed_rig
+    """Robust fusion of groups (G, C, K, ...). Points that have a rival are missing: nothing decides which of the two is right."""
+    from .kernels import lens, robust
 
     points = _empty(sigma.shape)
-    rival, wanted = np.empty(points.n_views.shape, bool), np.empty(len(sigma))
     usable = np.where((score >= settings.score_min) & (score > 0), sigma, np.nan)
-    robust.solve_robust(
-        packed_rig(rig), xy_img, usable, most_scale, points.xyz, points.cov, points.reproj, points.n_views, rival, wanted, depth
-    )
-    points.xyz[rival], points.cov[rival], points.reproj[rival], points.n_views[rival] = np.nan, np.nan, np.nan, 0
-    return points, wanted >= most_scale
+    robust.solve_robust(lens.packed_rig(rig), xy_img, usable, points.xyz, points.cov, points.reproj, points.n_views, depth)
+    return points
 
 
 def solve_weighted(rig: Rig, xy_img: Array, score: Array, sigma: Array, weight: Array) -> Triangulated:
     """Groups (G, C, K, ...) to points by the paper's weighted least squares with given weights (G, C, K)."""
-    from .kernels import linear
-    from .kernels.packed import packed_rig
+    from .kernels import lens, linear
 
     solved = _empty(sigma.shape)
-    linear.solve_linear(packed_rig(rig), xy_img, sigma, weight, solved.xyz, solved.cov, solved.reproj, solved.n_views)
+    linear.solve_linear(lens.packed_rig(rig), xy_img, sigma, weight, solved.xyz, solved.cov, solved.reproj, solved.n_views)
     return solved
 
 

@@ -36,7 +36,7 @@ _STAND_INS = {
     "left_toe": (("left_big_toe", "left_small_toe"), ("left_big_toe",), ("left_foot_index",)),
     "right_toe": (("right_big_toe", "right_small_toe"), ("right_big_toe",), ("right_foot_index",)),
 }
-_MIDPOINTS = {
+MIDPOINTS = {
     "mid_hip": ("left_hip", "right_hip"),
     "neck": ("left_shoulder", "right_shoulder"),
     "mid_ear": ("left_ear", "right_ear"),
@@ -68,7 +68,7 @@ class Segment:
     def points(self) -> tuple[str, ...]:
         """The landmarks it needs, midpoints resolved."""
         names = (self.origin, *self.first[:2], *self.second[:2])
-        return tuple(dict.fromkeys(part for name in names for part in _MIDPOINTS.get(name, (name,))))
+        return tuple(dict.fromkeys(part for name in names for part in MIDPOINTS.get(name, (name,))))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -244,28 +244,6 @@ SEGMENT_NAMES = tuple(segment.name for segment in SEGMENTS)
 JOINT_NAMES = tuple(joint.name for joint in JOINTS)
 ANGLE_NAMES = tuple(joint.angle_names for joint in JOINTS)
 SEQUENCES = ("ZXY", "YXY", "YXZ", "YZX")
-
-
-def _pair(name: str) -> tuple[int, int]:
-    first, second = _MIDPOINTS.get(name, (name, name))
-    return POINTS.index(first), POINTS.index(second)
-
-
-# tables for the compiled code
-SEGMENT_PAIRS = np.array([[_pair(n) for n in (s.origin, *s.first[:2], *s.second[:2])] for s in SEGMENTS])
-SEGMENT_AXES = np.array([[s.first[2], s.second[2], s.limb, s.name.endswith(("forearm", "shank"))] for s in SEGMENTS])
-SEGMENT_RAISED = np.array([s.raised_rad for s in SEGMENTS])
-LIMB_POINTS = np.array([[POINTS.index(n) for n in (limb.proximal, limb.middle, limb.distal)] for limb in LIMBS])
-LIMB_PARENT = np.array([SEGMENT_NAMES.index(limb.parent) for limb in LIMBS])
-LIMB_BEND = np.array([limb.bend for limb in LIMBS])
-GROUND = -1
-JOINT_SEGMENTS = np.array(
-    [[GROUND if j.parent == "ground" else SEGMENT_NAMES.index(j.parent), SEGMENT_NAMES.index(j.child)] for j in JOINTS]
-)
-JOINT_SEQUENCE = np.array([SEQUENCES.index(j.sequence) for j in JOINTS])
-JOINT_MIRRORED = np.array([j.mirrored for j in JOINTS])
-JOINT_SIGN = np.array([j.sign for j in JOINTS], np.float64)
-JOINT_DETERMINED = np.array([j.determined for j in JOINTS])
 
 
 def _sources(point: str, skeleton: Skeleton) -> tuple[str, ...]:

@@ -7,8 +7,9 @@ that, the heel has nearly come to rest. Where a skeleton has no feet, the ankle 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from itertools import pairwise
 
 import numpy as np
@@ -76,19 +77,34 @@ class Gait:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class _Walk:
-    """What is measured of a time without a gap: events, each step, stride and stance, and the time from first to last strike."""
+    """A time without a gap (T,): direction (T, 3) of walking, velocity (T, 3) of the pelvis; by side heels (T, 3) and events."""
 
-    strike_s: dict[str, Array]
-    off_s: dict[str, Array]
-    length_m: dict[str, list[float]]
-    width_m: list[float]
-    stride_m: list[float]
-    stride_s: list[float]
-    stance: dict[str, list[float]]
-    double_support: list[float]
-    steps: int
-    lasts_s: float
-    speed_m_s: Array
+    t_s: Array
+    ahead: Array
+    pace: Array
+    heels: dict[str, Array]
+    strikes: dict[str, Array]
+    offs: dict[str, Array]
+
+    @cached_property
+    def events(self) -> list[tuple[int, str]]:
+        """Strikes of both feet, in order: time step and side."""
+        return sorted((int(i), side) for side in SIDES for i in self.strikes[side])
+
+    def steps(self) -> Iterator[tuple[str, float, float]]:
+        """Side of the leading foot, length and width of each step."""
+        for (_, before), (i, side) in pairwise(self.events):
+            if before != side:
+                gap = self.heels[side][i] - self.heels[before][i]
+                width_m = abs(float(gap[0] * self.ahead[i, 1] - gap[1] * self.ahead[i, 0]))
+                yield side, float(gap @ self.ahead[i]), width_m
+
+    def strides(self) -> Iterator[tuple[float, float]]:
+        """Length and time of each stride."""
+        for side in SIDES:
+            for a, b in pairwise(self.strikes[side]):
+                along = self.heels[side][b] - self.heels[side][a]
+                yield float(np.linalg.norm(along[:2])), float(self.t_s[b] - self.t_s[a])
 
 
 def gait_from_poses(sequence: PoseSequence, person: int = 0) -> Gait | None:
@@ -111,18 +127,22 @@ def gait_from_poses(sequence: PoseSequence, person: int = 0) -> Gait | None:
 
 
 def _gait(walks: Sequence[_Walk]) -> Gait:
-    steps, lasts_s = sum(walk.steps for walk in walks), sum(walk.lasts_s for walk in walks)
+    steps, strides = [one for walk in walks for one in walk.steps()], [one for walk in walks for one in walk.strides()]
+    ends = [(walk.events[0][0], walk.events[-1][0]) for walk in walks]
+    lasts_s = sum(float(walk.t_s[last] - walk.t_s[first]) for walk, (first, last) in zip(walks, ends, strict=True))
+    paces = [walk.pace[first : last + 1, :2] for walk, (first, last) in zip(walks, ends, strict=True)]
+    both = [share for walk in walks for share in _double_supports(walk.t_s, walk.strikes, walk.offs)]
     return Gait(
-        strike_s={side: np.concatenate([walk.strike_s[side] for walk in walks]) for side in SIDES},
-        off_s={side: np.concatenate([walk.off_s[side] for walk in walks]) for side in SIDES},
-        step_length_m={side: Spread.of([one for walk in walks for one in walk.length_m[side]]) for side in SIDES},
-        step_width_m=Spread.of([one for walk in walks for one in walk.width_m]),
-        stride_length_m=Spread.of([one for walk in walks for one in walk.stride_m]),
-        stride_time_s=Spread.of([one for walk in walks for one in walk.stride_s]),
-        stance_share={side: Spread.of([one for walk in walks for one in walk.stance[side]]) for side in SIDES},
-        double_support_share=Spread.of([one for walk in walks for one in walk.double_support]),
-        cadence_per_min=60.0 * steps / lasts_s,
-        speed_m_s=float(np.concatenate([walk.speed_m_s for walk in walks]).mean()),
+        strike_s={side: np.concatenate([walk.t_s[walk.strikes[side]] for walk in walks]) for side in SIDES},
+        off_s={side: np.concatenate([walk.t_s[walk.offs[side]] for walk in walks]) for side in SIDES},
+        step_length_m={side: Spread.of([length_m for leading, length_m, _ in steps if leading == side]) for side in SIDES},
+        step_width_m=Spread.of([width_m for _, _, width_m in steps]),
+        stride_length_m=Spread.of([length_m for length_m, _ in strides]),
+        stride_time_s=Spread.of([time_s for _, time_s in strides]),
+        stance_share={side: Spread.of([share for walk in walks for share in _stances(walk, side)]) for side in SIDES},
+        double_support_share=Spread.of(both),
+        cadence_per_min=60.0 * sum(len(walk.events) - 1 for walk in walks) / lasts_s,
+        speed_m_s=float(np.concatenate([np.linalg.norm(path, axis=-1) for path in paces]).mean()),
     )
 
 
@@ -145,7 +165,7 @@ def _walk(t_s: Array, seen: dict[str, Array]) -> _Walk | None:
     if min(len(strikes[side]) for side in SIDES) < 2:
         return None
     pace, _ = _walking(hips, t_s, rate_hz, _PACE_S)
-    return _measured(t_s, ahead, pace, strikes, offs, heels)
+    return _Walk(t_s=t_s, ahead=ahead, pace=pace, heels=heels, strikes=strikes, offs=offs)
 
 
 def _walking(hips: Array, t_s: Array, rate_hz: float, over_s: float = _HEADING_S) -> tuple[Array, Array]:
@@ -201,38 +221,8 @@ def _landed(tops: Array, heel: Array, ahead: Array, velocity: Array, t_s: Array,
     return np.array([top + (int(np.argmax(still[top : top + within])) if still[top : top + within].any() else 0) for top in tops])
 
 
-def _measured(
-    t_s: Array, ahead: Array, pace: Array, strikes: dict[str, Array], offs: dict[str, Array], heels: dict[str, Array]
-) -> _Walk:
-    lengths: dict[str, list[float]] = {side: [] for side in SIDES}
-    widths: list[float] = []
-    events = sorted((int(i), side) for side in SIDES for i in strikes[side])
-    for (_, before), (i, side) in pairwise(events):
-        if before != side:
-            other = "left" if side == "right" else "right"
-            gap = heels[side][i] - heels[other][i]
-            lengths[side].append(float(gap @ ahead[i]))
-            widths.append(abs(float(gap[0] * ahead[i, 1] - gap[1] * ahead[i, 0])))
-    strides = [(heels[s][a], heels[s][b], t_s[b] - t_s[a]) for s in SIDES for a, b in pairwise(strikes[s])]
-    first, last = events[0][0], events[-1][0]
-    path = pace[first : last + 1, :2]
-    return _Walk(
-        strike_s={side: t_s[strikes[side]] for side in SIDES},
-        off_s={side: t_s[offs[side]] for side in SIDES},
-        length_m=lengths,
-        width_m=widths,
-        stride_m=[float(np.linalg.norm((b - a)[:2])) for a, b, _ in strides],
-        stride_s=[float(time) for _, _, time in strides],
-        stance={side: _stances(t_s[strikes[side]], t_s[offs[side]]) for side in SIDES},
-        double_support=_double_supports(t_s, strikes, offs),
-        steps=len(events) - 1,
-        lasts_s=float(t_s[last] - t_s[first]),
-        speed_m_s=np.linalg.norm(path, axis=-1),
-    )
-
-
-def _stances(strikes: Array, offs: Array) -> list[float]:
-    shares = []
+def _stances(walk: _Walk, side: str) -> list[float]:
+    shares, strikes, offs = [], walk.t_s[walk.strikes[side]], walk.t_s[walk.offs[side]]
     for begin, end in pairwise(strikes):
         between = offs[(offs > begin) & (offs < end)]
         if len(between) == 1:

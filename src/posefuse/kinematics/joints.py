@@ -13,25 +13,17 @@ from posefuse.core.arrays import Array, give_away
 from . import kernels
 from .definitions import (
     ANGLE_NAMES,
-    JOINT_DETERMINED,
-    JOINT_MIRRORED,
     JOINT_NAMES,
-    JOINT_SEGMENTS,
-    JOINT_SEQUENCE,
-    JOINT_SIGN,
     JOINTS,
-    LIMB_BEND,
-    LIMB_PARENT,
-    LIMB_POINTS,
     LIMBS,
+    MIDPOINTS,
     POINTS,
-    SEGMENT_AXES,
     SEGMENT_NAMES,
-    SEGMENT_PAIRS,
-    SEGMENT_RAISED,
+    SEGMENTS,
+    SEQUENCES,
     landmark_pairs,
     undefined_angles,
-)
+)  # fmt: skip
 from .settings import JointSettings
 from .sides import check_sides
 
@@ -50,11 +42,28 @@ class Reason(IntEnum):
 
 
 _HINGE_MEMORY_S = 0.2
-_ORIGINS = SEGMENT_PAIRS[:, 0]
 _ISB_FROM_WORLD = np.array([[1.0, 0, 0], [0, 0, -1.0], [0, 1.0, 0]])  # X forward, Y up, Z right in world axes
+_PLACES = {"ground": -1, **{name: place for place, name in enumerate(SEGMENT_NAMES)}}
 
-_SEGMENT_TABLE = kernels.SegmentTable(SEGMENT_PAIRS, SEGMENT_AXES, SEGMENT_RAISED, LIMB_BEND)
-_JOINT_TABLE = kernels.JointTable(JOINT_SEGMENTS, JOINT_SEQUENCE, JOINT_MIRRORED, JOINT_SIGN, _ISB_FROM_WORLD)
+
+def _pair(name: str) -> list[int]:
+    """Landmarks whose mean is a point, twice the same for one."""
+    return [POINTS.index(end) for end in MIDPOINTS.get(name, (name, name))]
+
+
+_TABLE = kernels.BodyTable(
+    pairs=np.array([[_pair(name) for name in (s.origin, *s.first[:2], *s.second[:2])] for s in SEGMENTS]),
+    axes=np.array([[s.first[2], s.second[2], s.limb, s.name.endswith(("forearm", "shank"))] for s in SEGMENTS]),
+    raised=np.array([s.raised_rad for s in SEGMENTS]),
+    limb_points=np.array([[POINTS.index(name) for name in (limb.proximal, limb.middle, limb.distal)] for limb in LIMBS]),
+    limb_parents=np.array([_PLACES[limb.parent] for limb in LIMBS]),
+    bends=np.array([limb.bend for limb in LIMBS]),
+    joint_segments=np.array([[_PLACES[joint.parent], _PLACES[joint.child]] for joint in JOINTS]),
+    sequence=np.array([SEQUENCES.index(joint.sequence) for joint in JOINTS]),
+    mirrored=np.array([joint.mirrored for joint in JOINTS]),
+    sign=np.array([joint.sign for joint in JOINTS], np.float64),
+    ground=_ISB_FROM_WORLD,
+)
 
 
 def joints_from_poses(sequence: PoseSequence, settings: JointSettings | None = None) -> JointAngles:
@@ -164,19 +173,16 @@ class FrameBuffers:
         self.settings = settings
         self.pairs = landmark_pairs(skeleton)
         impossible = undefined_angles(skeleton)
-        self.determined = JOINT_DETERMINED & np.array(
-            [[f"{joint.name}.{name}" not in impossible for name in joint.angle_names] for joint in JOINTS]
-        )
+        possible = [[f"{joint.name}.{name}" not in impossible for name in joint.angle_names] for joint in JOINTS]
+        self.determined = np.array([joint.determined for joint in JOINTS]) & np.array(possible)
         s, q, p = len(SEGMENT_NAMES), len(JOINT_NAMES), len(POINTS)
         self.points, self.points_cov = np.empty((p, 3)), np.empty((p, 3, 3))
-        self.rotation, self.by_first, self.by_second = np.empty((3, s, 3, 3))
-        self.turn_var = np.empty(s)
         self.expected, self.updated = np.empty((2, len(LIMBS), kernels.PLANE_SIZE))
-        self.angles, self.sigmas = np.empty((2, q, 3))
-        self.reasons = np.zeros((q, 3), np.uint8)
-        self.weights = np.empty((q, p, 3, 3))
         self.limits = np.array([np.sin(settings.lock_rad), settings.sigma_limit_rad])
-        self._frames = kernels.FrameArrays(self.rotation, self.by_first, self.by_second, self.turn_var)
+        self.rotation, by_first, by_second = np.empty((3, s, 3, 3))
+        self._frames = kernels.FrameArrays(self.rotation, by_first, by_second, np.empty(s))
+        self.angles, self.sigmas = np.empty((2, q, 3))
+        self.reasons, self.weights = np.zeros((q, 3), np.uint8), np.empty((q, p, 3, 3))
         self._angles = kernels.Angles(self.angles, self.sigmas, self.reasons, self.weights)
 
     def read(self, xyz_world: Array, cov_world: Array) -> None:
@@ -189,15 +195,14 @@ class FrameBuffers:
         # a hinge that is not ideal errs the same way frame after frame: it must not average out
         repeats = max(1.0, _HINGE_MEMORY_S / max(abs(elapsed_s), 1e-3))
         kernels.step_planes(
-            self.points, self.points_cov, LIMB_POINTS, LIMB_BEND, LIMB_PARENT, SEGMENT_PAIRS, SEGMENT_AXES, memory, grown,
-            self.settings.hinge_play_rad**2, repeats, self.expected, self.updated,
+            self.points, self.points_cov, _TABLE, memory, grown, self.settings.hinge_play_rad**2, repeats, self.expected,
+            self.updated,
         )  # fmt: skip
 
     def solve(self, planes: Array) -> None:
         """Frames and angles of the points taken in, limbs turned by `planes` (L, PLANE_SIZE)."""
         kernels.solve_joints(
-            self.points, self.points_cov, planes, _SEGMENT_TABLE, _JOINT_TABLE, self.determined, self.limits, self._frames,
-            self._angles,
+            self.points, self.points_cov, planes, _TABLE, self.determined, self.limits, self._frames, self._angles
         )  # fmt: skip
 
     def drop_uncertain(self) -> None:
@@ -215,7 +220,8 @@ class FrameBuffers:
 
     def origins(self) -> Array:
         """(S, 3) origins of the frames."""
-        return np.asarray(0.5 * (self.points[_ORIGINS[:, 0]] + self.points[_ORIGINS[:, 1]]))
+        one, other = _TABLE.pairs[:, 0].T
+        return np.asarray(0.5 * (self.points[one] + self.points[other]))
 
 
 def _smoothed_planes(sequence: PoseSequence, person: int, work: FrameBuffers) -> Array:

@@ -157,27 +157,58 @@ def lower_frame(points, pairs, bend, upper, upper_by_first, upper_by_second, rot
     return dot(y, upper[:, 1]) ** 2
 
 
-@kernel()
-def segment_frames(points, planes, pairs, axes, raised, bends, rotation, by_first, by_second, turn_var):
-    """All frames (S, 3, 3), the derivatives of their errors by both vectors, and the limbs' own turn variance (S,).
+class BodyTable(NamedTuple):
+    """What segments (S), limbs (L) and joints (Q) are made of, see `definitions`.
 
-    raised (S,): by how much each frame is turned about its own Z in the end; errors of it in world axes stay what they are.
+    pairs: (S, 5, 2) landmarks of the origin and of the ends of both vectors. axes: (S, 4) of both vectors, limb or -1, and
+    whether it is the lower segment of a limb. raised: (S,) by how much a frame is turned about its own Z in the end; errors of it
+    in world axes stay what they are. limb_points: (L, 3); limb_parents, bends: (L,). joint_segments: (Q, 2), -1 for the ground,
+    whose axes are `ground` (3, 3); sequence, mirrored: (Q,); sign: (Q, 3).
     """
+
+    pairs: Array
+    axes: Array
+    raised: Array
+    limb_points: Array
+    limb_parents: Array
+    bends: Array
+    joint_segments: Array
+    sequence: Array
+    mirrored: Array
+    sign: Array
+    ground: Array
+
+
+class FrameArrays(NamedTuple):
+    """Filled: rotation, by_first, by_second (S, 3, 3), turn_var (S,), see `segment_frames`."""
+
+    rotation: Array
+    by_first: Array
+    by_second: Array
+    turn_var: Array
+
+
+@kernel()
+def segment_frames(points, planes, table, frames):
+    """All frames (S, 3, 3), the derivatives of their errors by both vectors, and the limbs' own turn variance (S,)."""
+    pairs, axes = table.pairs, table.axes
+    rotation, by_first, by_second, turn_var = frames
     for s in range(pairs.shape[0]):
         limb = axes[s, 2]
         if limb < 0:
             free_frame(points, pairs[s], axes[s, 0], axes[s, 1], rotation[s], by_first[s], by_second[s])
             turn_var[s] = 0.0
-            if raised[s] != 0.0:
-                _raise(rotation[s], raised[s])
+            if table.raised[s] != 0.0:
+                _raise(rotation[s], table.raised[s])
         elif axes[s, 3] == 0:
             turn_var[s] = upper_frame(points, pairs[s], planes[limb], rotation[s], by_first[s], by_second[s])
         else:
             # the lower segment stands right after the upper one in the table
             u = s - 1
             turn_var[s] = turn_var[u] * lower_frame(
-                points, pairs[s], bends[limb], rotation[u], by_first[u], by_second[u], rotation[s], by_first[s], by_second[s]
-            )
+                points, pairs[s], table.bends[limb], rotation[u], by_first[u], by_second[u], rotation[s], by_first[s],
+                by_second[s],
+            )  # fmt: skip
     for s in range(pairs.shape[0]):
         # points that coincide, or are too far away to be distinguished in floating point, span no frame
         if not _is_rotation(rotation[s]):
@@ -244,23 +275,18 @@ _EVIDENCE_LOST = 0.5
 
 
 @kernel()
-def step_planes(
-    points, points_cov, limb_points, bends, parents, pairs, axes, memory, grown_var, hinge_var, repeats, expected,
-    updated,
-):  # fmt: skip
+def step_planes(points, points_cov, table, memory, grown_var, hinge_var, repeats, expected, updated):
     """`plane_step` of every limb; `memory` (L, MEMORY_SIZE), `expected` and `updated` (L, PLANE_SIZE).
 
     repeats: time steps over which errors of a hinge and of points last.
     """
-    parent = np.empty((3, 3))
-    by_first = np.empty((3, 3))
-    by_second = np.empty((3, 3))
-    for i in range(limb_points.shape[0]):
-        s = parents[i]
-        free_frame(points, pairs[s], axes[s, 0], axes[s, 1], parent, by_first, by_second)
+    parent, by_first, by_second = np.empty((3, 3)), np.empty((3, 3)), np.empty((3, 3))
+    for i in range(len(table.limb_points)):
+        s = table.limb_parents[i]
+        free_frame(points, table.pairs[s], table.axes[s, 0], table.axes[s, 1], parent, by_first, by_second)
         plane_step(
-            points, points_cov, limb_points[i], bends[i], parent, memory[i], grown_var, hinge_var, repeats, expected[i],
-            updated[i],
+            points, points_cov, table.limb_points[i], table.bends[i], parent, memory[i], grown_var, hinge_var, repeats,
+            expected[i], updated[i],
         )  # fmt: skip
 
 
@@ -422,34 +448,6 @@ DEFINED, NOT_DETERMINED, MISSING, STRAIGHT_LIMB, GIMBAL_LOCK, UNCERTAIN = 0, 1, 
 ZXY, YXY, YXZ, YZX = 0, 1, 2, 3
 
 
-class JointTable(NamedTuple):
-    """What the angles (Q, 3) of all joints are made of: segments (Q, 2), sequence and mirrored (Q,), sign (Q, 3)."""
-
-    segments: Array
-    sequence: Array
-    mirrored: Array
-    sign: Array
-    ground: Array
-
-
-class SegmentTable(NamedTuple):
-    """What the frames of all segments (S) are made of, see `segment_frames`."""
-
-    pairs: Array
-    axes: Array
-    raised: Array
-    bends: Array
-
-
-class FrameArrays(NamedTuple):
-    """Filled: rotation, by_first, by_second (S, 3, 3), turn_var (S,), see `segment_frames`."""
-
-    rotation: Array
-    by_first: Array
-    by_second: Array
-    turn_var: Array
-
-
 class Angles(NamedTuple):
     """Filled: angles, standard deviations and reasons (Q, 3); weights (Q, P, 3, 3), d(angles)/d(points)."""
 
@@ -460,30 +458,28 @@ class Angles(NamedTuple):
 
 
 @kernel()
-def solve_joints(points, points_cov, planes, table, joints, determined, limits, frames, out):
+def solve_joints(points, points_cov, planes, table, determined, limits, frames, out):
     """Frames, then angles; frames whose turn is less certain than the limit become NaN afterwards."""
-    rotation, by_first, by_second, turn_var = frames
-    segment_frames(points, planes, table.pairs, table.axes, table.raised, table.bends, rotation, by_first, by_second, turn_var)
-    joint_angles(frames, points_cov, table.pairs, joints, determined, limits, out)
-    for s in range(rotation.shape[0]):
-        if turn_var[s] > limits[1] * limits[1]:
-            rotation[s] = np.nan
+    segment_frames(points, planes, table, frames)
+    joint_angles(frames, points_cov, table, determined, limits, out)
+    for s in range(len(frames.turn_var)):
+        if frames.turn_var[s] > limits[1] * limits[1]:
+            frames.rotation[s] = np.nan
 
 
 @kernel()
-def joint_angles(frames, points_cov, pairs, joints, determined, limits, out):
+def joint_angles(frames, points_cov, table, determined, limits, out):
     """All angles, standard deviations and reasons.
 
     `limits`: sine below which a joint is locked, and the standard deviation from which an angle is not given.
     """
     rotation, by_first, by_second, turn_var = frames
-    joint_segments, sequence, mirrored, sign, ground = joints
+    pairs, mirrored, sign = table.pairs, table.mirrored, table.sign
     angles, sigmas, reasons, weights = out
-    relative = np.empty((3, 3))
-    axes = np.empty((3, 3))
-    for q in range(joint_segments.shape[0]):
-        parent, child = joint_segments[q, 0], joint_segments[q, 1]
-        over = ground if parent < 0 else rotation[parent]
+    relative, axes = np.empty((3, 3)), np.empty((3, 3))
+    for q in range(len(table.joint_segments)):
+        parent, child = table.joint_segments[q]
+        over = table.ground if parent < 0 else rotation[parent]
         angles[q] = np.nan
         sigmas[q] = np.nan
         weights[q] = 0.0
@@ -499,7 +495,7 @@ def joint_angles(frames, points_cov, pairs, joints, determined, limits, out):
                 for j in range(3):
                     if (i == 2) != (j == 2):
                         relative[i, j] = -relative[i, j]
-        lock = cardan(relative, sequence[q], angles[q], axes)
+        lock = cardan(relative, table.sequence[q], angles[q], axes)
         free = lock > limits[0]
         rates = np.linalg.inv(axes) if free else np.linalg.pinv(axes)
         for a in range(3):

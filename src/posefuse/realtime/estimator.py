@@ -23,7 +23,7 @@ from posefuse.kinematics import JointTracker
 from posefuse.kinematics.body import FEWEST_SEEN, LIVE_BODY, Length, LiveBody, LiveBodyRules, LiveRays, TrackedPoints
 from posefuse.kinematics.joints import FrameBuffers
 from posefuse.tracking import LearntLengths, at_joint_centres, usual_lengths
-from posefuse.tracking.online import MOTION, CameraStatistics, Evidence, LiveMotion, LiveSettings, Tracker, build_tracker
+from posefuse.tracking.online import MOTION, CameraStatistics, Evidence, LiveMotion, LiveSettings, Model, Tracker
 from posefuse.tracking.stand_in import made_up_detections
 
 from .config import KeypointGateSettings, LiveConfig
@@ -36,7 +36,7 @@ _COLOUR_NS = 200_000_000
 
 
 class NamedTracker:
-    """A tracker whose poses carry persons; implements `Tracker`.
+    """A tracker whose poses carry persons.
 
     A track that no one can be named for yet is followed, and looked for by the views, but is not in `at`. With one person
     there is nothing to distinguish: tracks and persons are the same.
@@ -72,8 +72,8 @@ class NamedTracker:
         return with_persons(pose, [self._person_of(track, t_ns) for track in pose.person_id.tolist()])
 
     def looked_for(self, t_ns: int) -> Pose3D:
-        """See `Tracker.looked_for`."""
-        return self._tracker.looked_for(t_ns)
+        """Every person that the views should look for at t_ns, including those without an identity so far."""
+        return self._tracker.at(t_ns)
 
     def check(self) -> None:
         """See `Tracker.check`."""
@@ -255,7 +255,7 @@ class LiveSkeletons:
         """Whether poses are to be fitted: always, or only with offsets of joint centres that were fitted to the detector."""
         return self._config.body == "on" or centring.fitted
 
-    def step(self, tracker: Tracker, pose: Pose3D) -> Pose3D:
+    def step(self, tracker: NamedTracker, pose: Pose3D) -> Pose3D:
         """The next pose, with the keypoints of the people who have a fitted skeleton; the others are as they were.
 
         Keypoints that are missing stay missing. Covariances are those of the tracked keypoints, as the fit does not make the
@@ -307,7 +307,7 @@ class Estimator:
     """
 
     def __init__(
-        self, tracker: Tracker, centring: Centring, bodies: LiveSkeletons | None = None, gate: KeypointGate | None = None
+        self, tracker: NamedTracker, centring: Centring, bodies: LiveSkeletons | None = None, gate: KeypointGate | None = None
     ) -> None:
         self.tracker, self.centring, self.bodies = tracker, centring, bodies
         self.gate = gate or KeypointGate(KeypointGateSettings())
@@ -373,7 +373,7 @@ def _new(rig: Rig, skeleton: Skeleton, config: LiveConfig, motion: LiveMotion, r
     motion = replace(motion, score_min=config.fuse.score_min, sigma_share=config.fuse.sigma_share)
 
     solve, fuse_views = build_solve(rig, associating, config.fuse), build_fuse(rig, config.fuse)
-    tracker = build_tracker(rig, skeleton, config.track, solve, fuse_views, motion)
+    tracker = Tracker(Model(rig, skeleton, config.track, motion), solve, fuse_views)
     bodies = None if config.body == "off" else LiveSkeletons(rig, skeleton, config, rules)
     centring, gate = Centring(rig.names, config.joint_centres), KeypointGate(config.gate)
     return Estimator(NamedTracker(tracker, config.track), centring, bodies, gate)

@@ -1,1 +1,1 @@
-"""The compiled mathematics of fusion. Cameras come as rows of `packed.packed_rig`."""
+"""The compiled mathematics of fusion. Cameras come as rows of `lens.packed_rig`."""

@@ -1,28 +1,88 @@
-"""Lenses: ideal image points to raw pixels and back, with derivatives. Cameras come as rows of `packed.packed_rig`."""
+"""Cameras as rows of numbers, their columns by name, and lenses: ideal image points to raw pixels and back, with derivatives.
+
+Numba takes the columns as constants.
+"""
 
 from __future__ import annotations
 
 import math
+from functools import lru_cache, partial
 
-from . import packed as at
-from .packed import fast_kernel
+import numpy as np
+
+from posefuse.core import Camera, Rig
+from posefuse.core.arrays import Array
+from posefuse.core.lens import tilt_matrix
+from posefuse.foundation.compiled import kernel
+
+# sums may be contracted, but infinity and not-a-number keep their meaning
+fast_kernel = partial(kernel, fastmath={"contract", "arcp", "nsz"})
+
+# cam_from_world: rotation by rows, translation
+R00, R01, R02, R10, R11, R12, R20, R21, R22 = range(9)
+TX, TY, TZ = 9, 10, 11
+# intrinsic matrix
+FX, SKEW, CX, FY, CY = 12, 13, 14, 15, 16
+# distortion in the order of OpenCV; of a fisheye its four coefficients
+K1, K2, P1, P2, K3, K4, K5, K6, S1, S2, S3, S4 = range(17, 29)
+F1, F2, F3, F4 = K1, K2, P1, P2
+# homography of a tilted sensor by rows, and its inverse
+T00, T01, T02, T10, T11, T12, T20, T21, T22 = range(29, 38)
+U00, U01, U02, U10, U11, U12, U20, U21, U22 = range(38, 47)
+# one of the lens models below
+MODEL = 47
+# optical centre in the world
+X, Y, Z = 48, 49, 50
+WIDTH = 51
+
+NO_LENS, BROWN, BROWN_TILTED, FISHEYE = 0, 1, 2, 3
+
+
+@lru_cache(maxsize=32)
+def packed_rig(rig: Rig) -> Array:
+    """(C, WIDTH) float64, columns as above; the same array for the same rig, so do not write to it."""
+    return np.stack([_packed_camera(camera) for camera in rig])
+
+
+def _packed_camera(camera: Camera) -> Array:
+    row = np.zeros(WIDTH)
+    row[R00:TX] = camera.cam_from_world.matrix().ravel()
+    row[TX:FX] = camera.cam_from_world.xyz
+    row[FX:K1] = [camera.K[0, 0], camera.K[0, 1], camera.K[0, 2], camera.K[1, 1], camera.K[1, 2]]
+    row[K1 : K1 + min(12, len(camera.distortion))] = camera.distortion[:12]
+    row[T00:U00] = row[U00:MODEL] = np.eye(3).ravel()
+    if len(camera.distortion) == 14:
+        tilt = tilt_matrix(float(camera.distortion[12]), float(camera.distortion[13]))
+        row[T00:U00] = tilt.ravel()
+        row[U00:MODEL] = np.linalg.inv(tilt).ravel()
+    row[MODEL] = _model(camera)
+    row[X:WIDTH] = camera.centre_world
+    return row
+
+
+def _model(camera: Camera) -> int:
+    if not camera.distortion.any():
+        return NO_LENS if camera.model == "pinhole" or len(camera.distortion) == 0 else FISHEYE
+    if camera.model == "fisheye":
+        return FISHEYE
+    return BROWN_TILTED if len(camera.distortion) == 14 else BROWN
 
 
 @fast_kernel()
 def bend(cam, x, y):
     """Raw px (u, v) of an ideal point and their derivatives (u_x, u_y, v_x, v_y)."""
-    model = cam[at.MODEL]
+    model = cam[MODEL]
     bx, by, a, b, c, d = x, y, 1.0, 0.0, 0.0, 1.0
-    if model == at.FISHEYE:
+    if model == FISHEYE:
         bx, by, a, b, c, d = _bend_fisheye(cam, x, y)
-    elif model > at.NO_LENS:
+    elif model > NO_LENS:
         bx, by, a, b, c, d = _bend_brown(cam, x, y)
-        if model == at.BROWN_TILTED:
+        if model == BROWN_TILTED:
             bx, by, a, b, c, d = _tilt(cam, bx, by, a, b, c, d)
-    fx, skew, fy = cam[at.FX], cam[at.SKEW], cam[at.FY]
+    fx, skew, fy = cam[FX], cam[SKEW], cam[FY]
     return (
-        fx * bx + skew * by + cam[at.CX],
-        fy * by + cam[at.CY],
+        fx * bx + skew * by + cam[CX],
+        fy * by + cam[CY],
         fx * a + skew * c,
         fx * b + skew * d,
         fy * c,
@@ -32,8 +92,8 @@ def bend(cam, x, y):
 
 @fast_kernel()
 def _bend_brown(cam, x, y):
-    k1, k2, p1, p2, k3, k4 = cam[at.K1], cam[at.K2], cam[at.P1], cam[at.P2], cam[at.K3], cam[at.K4]
-    k5, k6, s1, s2, s3, s4 = cam[at.K5], cam[at.K6], cam[at.S1], cam[at.S2], cam[at.S3], cam[at.S4]
+    k1, k2, p1, p2, k3, k4 = cam[K1], cam[K2], cam[P1], cam[P2], cam[K3], cam[K4]
+    k5, k6, s1, s2, s3, s4 = cam[K5], cam[K6], cam[S1], cam[S2], cam[S3], cam[S4]
     return _brown(x, y, k1, k2, p1, p2, k3, k4, k5, k6, s1, s2, s3, s4)
 
 
@@ -57,11 +117,11 @@ def _brown(x, y, k1, k2, p1, p2, k3, k4, k5, k6, s1, s2, s3, s4):
 
 @fast_kernel()
 def _tilt(cam, bx, by, a, b, c, d):
-    w = 1.0 / (cam[at.T20] * bx + cam[at.T21] * by + cam[at.T22])
-    u = (cam[at.T00] * bx + cam[at.T01] * by + cam[at.T02]) * w
-    v = (cam[at.T10] * bx + cam[at.T11] * by + cam[at.T12]) * w
-    ux, uy = (cam[at.T00] - u * cam[at.T20]) * w, (cam[at.T01] - u * cam[at.T21]) * w
-    vx, vy = (cam[at.T10] - v * cam[at.T20]) * w, (cam[at.T11] - v * cam[at.T21]) * w
+    w = 1.0 / (cam[T20] * bx + cam[T21] * by + cam[T22])
+    u = (cam[T00] * bx + cam[T01] * by + cam[T02]) * w
+    v = (cam[T10] * bx + cam[T11] * by + cam[T12]) * w
+    ux, uy = (cam[T00] - u * cam[T20]) * w, (cam[T01] - u * cam[T21]) * w
+    vx, vy = (cam[T10] - v * cam[T20]) * w, (cam[T11] - v * cam[T21]) * w
     return u, v, ux * a + uy * c, ux * b + uy * d, vx * a + vy * c, vx * b + vy * d
 
 
@@ -72,8 +132,8 @@ def _bend_fisheye(cam, x, y):
         return x, y, 1.0, 0.0, 0.0, 1.0
     angle = math.atan(r)
     a2 = angle * angle
-    bent = angle * (1.0 + a2 * (cam[at.F1] + a2 * (cam[at.F2] + a2 * (cam[at.F3] + a2 * cam[at.F4]))))
-    slope = 1.0 + a2 * (3.0 * cam[at.F1] + a2 * (5.0 * cam[at.F2] + a2 * (7.0 * cam[at.F3] + a2 * 9.0 * cam[at.F4])))
+    bent = angle * (1.0 + a2 * (cam[F1] + a2 * (cam[F2] + a2 * (cam[F3] + a2 * cam[F4]))))
+    slope = 1.0 + a2 * (3.0 * cam[F1] + a2 * (5.0 * cam[F2] + a2 * (7.0 * cam[F3] + a2 * 9.0 * cam[F4])))
     gain = bent / r
     d_gain = (slope / (1.0 + r * r) - gain) / (r * r)
     cross = x * y * d_gain
@@ -83,20 +143,20 @@ def _bend_fisheye(cam, x, y):
 @fast_kernel()
 def straighten(cam, u, v):
     """Ideal point (x, y) of a raw px and the lens's derivatives there (before the intrinsics): Newton; NaN: no inverse."""
-    by = (v - cam[at.CY]) / cam[at.FY]
-    bx = (u - cam[at.CX] - cam[at.SKEW] * by) / cam[at.FX]
-    model = cam[at.MODEL]
-    if model == at.NO_LENS:
+    by = (v - cam[CY]) / cam[FY]
+    bx = (u - cam[CX] - cam[SKEW] * by) / cam[FX]
+    model = cam[MODEL]
+    if model == NO_LENS:
         return bx, by, 1.0, 0.0, 0.0, 1.0
-    if model == at.FISHEYE:
+    if model == FISHEYE:
         x, y = _straighten_fisheye(cam, bx, by)
         _, _, a, b, c, d = _bend_fisheye(cam, x, y)
         return x, y, a, b, c, d
-    if model == at.BROWN:
+    if model == BROWN:
         return _straighten_brown(cam, bx, by)
-    w = 1.0 / (cam[at.U20] * bx + cam[at.U21] * by + cam[at.U22])
+    w = 1.0 / (cam[U20] * bx + cam[U21] * by + cam[U22])
     x, y, a, b, c, d = _straighten_brown(
-        cam, (cam[at.U00] * bx + cam[at.U01] * by + cam[at.U02]) * w, (cam[at.U10] * bx + cam[at.U11] * by + cam[at.U12]) * w
+        cam, (cam[U00] * bx + cam[U01] * by + cam[U02]) * w, (cam[U10] * bx + cam[U11] * by + cam[U12]) * w
     )
     gx, gy, _, _, _, _ = _bend_brown(cam, x, y)
     _, _, a, b, c, d = _tilt(cam, gx, gy, a, b, c, d)
@@ -106,8 +166,8 @@ def straighten(cam, u, v):
 @fast_kernel()
 def _straighten_brown(cam, bx, by):
     r2 = bx * bx + by * by
-    over = 1.0 + r2 * (cam[at.K1] + r2 * (cam[at.K2] + r2 * cam[at.K3]))
-    under = 1.0 + r2 * (cam[at.K4] + r2 * (cam[at.K5] + r2 * cam[at.K6]))
+    over = 1.0 + r2 * (cam[K1] + r2 * (cam[K2] + r2 * cam[K3]))
+    under = 1.0 + r2 * (cam[K4] + r2 * (cam[K5] + r2 * cam[K6]))
     # the radial part undone at the bent radius; where that makes no sense, the bent point itself
     gain = under / over if over > 0.3 * under else 1.0
     x, y = bx * gain, by * gain
@@ -134,8 +194,8 @@ def _straighten_fisheye(cam, bx, by):
     angle = min(bent, 0.5 * math.pi)
     for _ in range(30):
         a2 = angle * angle
-        value = angle * (1.0 + a2 * (cam[at.F1] + a2 * (cam[at.F2] + a2 * (cam[at.F3] + a2 * cam[at.F4])))) - bent
-        slope = 1.0 + a2 * (3.0 * cam[at.F1] + a2 * (5.0 * cam[at.F2] + a2 * (7.0 * cam[at.F3] + a2 * 9.0 * cam[at.F4])))
+        value = angle * (1.0 + a2 * (cam[F1] + a2 * (cam[F2] + a2 * (cam[F3] + a2 * cam[F4])))) - bent
+        slope = 1.0 + a2 * (3.0 * cam[F1] + a2 * (5.0 * cam[F2] + a2 * (7.0 * cam[F3] + a2 * 9.0 * cam[F4])))
         if not slope > 0.0:
             return math.nan, math.nan
         step = value / slope
@@ -153,9 +213,9 @@ def _straighten_fisheye(cam, bx, by):
 @fast_kernel()
 def _straighten_brown_row(cam, xy, out, last):
     """`straighten` of one camera's K px (K, 2) into out (6, K), three Newton steps side by side; last (K,) squared steps."""
-    cx, cy, skew, ifx, ify = cam[at.CX], cam[at.CY], cam[at.SKEW], 1.0 / cam[at.FX], 1.0 / cam[at.FY]
-    k1, k2, p1, p2, k3, k4 = cam[at.K1], cam[at.K2], cam[at.P1], cam[at.P2], cam[at.K3], cam[at.K4]
-    k5, k6, s1, s2, s3, s4 = cam[at.K5], cam[at.K6], cam[at.S1], cam[at.S2], cam[at.S3], cam[at.S4]
+    cx, cy, skew, ifx, ify = cam[CX], cam[CY], cam[SKEW], 1.0 / cam[FX], 1.0 / cam[FY]
+    k1, k2, p1, p2, k3, k4 = cam[K1], cam[K2], cam[P1], cam[P2], cam[K3], cam[K4]
+    k5, k6, s1, s2, s3, s4 = cam[K5], cam[K6], cam[S1], cam[S2], cam[S3], cam[S4]
     count = len(xy)
     for k in range(count):
         by = (xy[k, 1] - cy) * ify
@@ -184,7 +244,7 @@ def _straighten_brown_row(cam, xy, out, last):
 def straighten_group(cams, xy_img, ideal, last):
     """`straighten` of every view of a group, xy_img (C, K, 2), into ideal (C, 6, K). last (K,) is scratch."""
     for c in range(len(cams)):
-        by_row = cams[c, at.MODEL] == at.BROWN
+        by_row = cams[c, MODEL] == BROWN
         if by_row:
             _straighten_brown_row(cams[c], xy_img[c], ideal[c], last)
         for k in range(xy_img.shape[1]):

@@ -6,8 +6,7 @@ import math
 
 import numpy as np
 
-from .lens import straighten_group
-from .packed import FX, FY, R20, R21, R22, SKEW, TZ, fast_kernel
+from .lens import FX, FY, R20, R21, R22, SKEW, TZ, fast_kernel, straighten_group
 from .point import invert, look, solve3, squared_px
 from .robust import inflate
 from .start import add_row, depth_rows

@@ -15,8 +15,7 @@ from __future__ import annotations
 
 import math
 
-from .lens import bend
-from .packed import FX, FY, R00, R01, R02, R10, R11, R12, R20, R21, R22, SKEW, TX, TY, TZ, fast_kernel
+from .lens import FX, FY, R00, R01, R02, R10, R11, R12, R20, R21, R22, SKEW, TX, TY, TZ, bend, fast_kernel
 
 KNEE = 9.0  # 98.9 % of a 2D Gaussian
 RANK = 1e-10  # smallest over largest eigenvalue of the information below which the rays are one ray

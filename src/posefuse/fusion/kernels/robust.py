@@ -1,7 +1,8 @@
 """Robust fusion of a group: one person at one time step, K keypoints seen by C cameras.
 
 A view that is an outlier by its residual is not used (`USED`). Noise that is stated too small or too large is rescaled by the
-residuals of the whole group.
+residuals of the whole group. Where the views of a group contradict each other everywhere, the rig is taken to be wrong: no view
+is then blamed, sigma grows until they agree.
 """
 
 from __future__ import annotations
@@ -10,8 +11,7 @@ import math
 
 import numpy as np
 
-from .lens import straighten_group
-from .packed import fast_kernel
+from .lens import fast_kernel, straighten_group
 from .point import invert, look, normal_system, refine, squared_depth, squared_px, squared_residual
 from .start import GATE, consensus, depth_point, linear_start
 
@@ -189,28 +189,27 @@ def has_rival(cams, views, n, p, rest, q, other, work):
 
 
 @fast_kernel()
-def solve_robust(cams, xy_img, sigma, most, xyz, cov, reproj, n_views, rival, wanted, depth=None):
-    """Robust fusion of groups: xy_img (G, C, K, 2) raw px, sigma (G, C, K) px (not > 0: unusable), scaled by `most` at most.
+def solve_robust(cams, xy_img, sigma, xyz, cov, reproj, n_views, depth=None):
+    """Robust fusion of groups: xy_img (G, C, K, 2) raw px, sigma (G, C, K) px (not > 0: unusable).
 
-    Filled in: xyz (G, K, 3), cov (G, K, 3, 3), reproj (G, K) px, n_views (G, K), rival (G, K) where as many views agree on
-    another point, wanted (G,) the scale of sigma that the residuals ask for. Missing points are NaN with n_views 0.
+    Filled in: xyz (G, K, 3), cov (G, K, 3, 3), reproj (G, K) px, n_views (G, K). Missing points are NaN with n_views 0, and so
+    are those that have a rival: nothing decides which of the two is right.
     depth (G, C, K, 2): that of the keypoints and its standard deviation in m, NaN where unknown.
     """
     groups, count, keypoints = sigma.shape
     views, rest, work, q = np.empty((count, 7)), np.empty((count, 7)), np.empty((3, 9)), np.empty(3)
     pool, squares, p, other = np.empty(keypoints), np.empty(count), np.empty(3), np.empty(3)
-    chi2, dof = np.empty(keypoints), np.empty(keypoints)
+    chi2, dof, rival = np.empty(keypoints), np.empty(keypoints), np.empty(keypoints, np.bool_)
     ideal, last = np.empty((count, 6, keypoints)), np.empty(keypoints)
     planes = None if depth is None else np.empty((count, 2))
     for g in range(groups):
-        scale = 1.0
+        scale, believable, attempt = 1.0, 0.0, 0
         deep = None if depth is None else depth[g]
         straighten_group(cams, xy_img[g], ideal, last)
-        for attempt in range(ATTEMPTS):
+        while True:
             many = 0
-            chi2[:], dof[:] = 0.0, 0.0
-            xyz[g], cov[g], reproj[g] = math.nan, math.nan, math.nan
-            n_views[g], rival[g] = 0, False
+            chi2[:], dof[:], rival[:] = 0.0, 0.0, False
+            xyz[g], cov[g], reproj[g], n_views[g] = math.nan, math.nan, math.nan, 0
             for k in range(keypoints):
                 n = gather_views(cams, ideal, sigma[g], scale, k, views, deep, planes)
                 least = 2 if planes is None else 1
@@ -221,18 +220,28 @@ def solve_robust(cams, xy_img, sigma, most, xyz, cov, reproj, n_views, rival, wa
                         squares[i] = squared_residual(cams, views, i, p)
                     pool[many] = middle_residual(squares, n)
                     many += 1
-                rival[g, k] = has_rival(cams, views, n, p, rest, q, other, work)
+                rival[k] = has_rival(cams, views, n, p, rest, q, other, work)
                 used, px, total, free = finish_robust(cams, views, n, p, xy_img[g], k, work, cov[g, k], planes)
                 if used == 0:
                     cov[g, k] = math.nan
                     continue
                 xyz[g, k], reproj[g, k], n_views[g, k] = p, px, used
                 chi2[k], dof[k] = total, free
+            attempt += 1
             ratio = np.median(pool[:many]) if many >= MIN_POINTS else 1.0
             better = max(MIN_SCALE, scale * math.sqrt(ratio))
-            right = 1.0 / RESCALE < ratio < RESCALE or better == scale
-            wanted[g] = scale if right else better
-            if right or attempt == ATTEMPTS - 1 or not better < most:
+            if attempt > ATTEMPTS or 1.0 / RESCALE < ratio < RESCALE or better == scale:
                 break
-            scale = better
+            if better >= MAX_SCALE and believable == 0.0:
+                believable = scale
+            if better < LAST_SCALE and attempt < ATTEMPTS:
+                scale = better
+            elif better >= LAST_SCALE and scale != believable:
+                # no scale makes them agree: back to the last one at which the stated sigma could be believed
+                scale, attempt = believable, ATTEMPTS
+            else:
+                break
         inflate(cov[g], chi2, dof, 1.0 / (scale * scale))
+        for k in range(keypoints):
+            if rival[k]:
+                xyz[g, k], cov[g, k], reproj[g, k], n_views[g, k] = math.nan, math.nan, math.nan, 0

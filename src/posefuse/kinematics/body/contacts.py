@@ -7,7 +7,6 @@ sinks: its place is the mean over the stance, its height the mean of that and of
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
 
 import numpy as np
 
@@ -29,26 +28,16 @@ _LOWEST_PERCENT, _AS_LOW_M = 5.0, 0.03
 _MOST_DRIFT_M, _MOST_DRIFT_M_S = 0.04, 0.15
 
 
-@dataclass(frozen=True, eq=False, kw_only=True)
-class Contacts:
-    """Which keypoints of one person stand.
-
-    Attributes:
-        xyz: (T, A, 3) where, NaN where they do not.
-        cov: (T, A, 3, 3) of the error of these places, which all time steps of a stance share, for keypoints of feet that stand;
-            elsewhere 0.
-    """
-
-    xyz: Array
-    cov: Array
-
-
-def contacts_of(t_ns: Array, xyz: Array, cov: Array, skeleton: Skeleton, keypoint: Array) -> Contacts:
+def contacts_of(t_ns: Array, xyz: Array, cov: Array, skeleton: Skeleton, keypoint: Array) -> tuple[Array, Array]:
     """Contacts of one person's feet. World Z is up.
 
     Args:
         t_ns: (T,). xyz, cov: (T, A, 3), (T, A, 3, 3) keypoints, smoothed over time; NaN where unknown.
         keypoint: (A,) which of the skeleton they are.
+
+    Returns:
+        (T, A, 3) where they stand, NaN where they do not; and (T, A, 3, 3) of the error of these places, which all time steps of
+        a stance share, for keypoints of feet that stand, elsewhere 0.
     """
     places, shared = np.full(xyz.shape, np.nan), np.zeros(cov.shape)
     for side in SIDES:
@@ -63,7 +52,7 @@ def contacts_of(t_ns: Array, xyz: Array, cov: Array, skeleton: Skeleton, keypoin
                 middle = np.mean(track[one], axis=0)
                 places[one, column] = [*middle[:2], (middle[2] + floor_m) / 2]
                 shared[one, foot] = np.mean(cov[one, foot], axis=0)
-    return Contacts(xyz=places, cov=shared)
+    return places, shared
 
 
 def foot_rows(skeleton: Skeleton, keypoint: Array, side: str, names: tuple[str, ...]) -> list[int]:

@@ -15,8 +15,7 @@ from posefuse.kinematics.joints import FrameBuffers
 from posefuse.kinematics.settings import BodySettings
 
 from . import fit_kernels, tree_kernels
-from .model import HABIT_S, SLACK_S, BodyModel, Packed, landmark_rows, packed_from_body
-from .tree import BALL, NODE_SEGMENT
+from .model import HABIT_S, NODE_SEGMENT, SLACK_S, BodyModel, landmark_rows, tree_from_body
 
 # A first state of a body, straight from where its keypoints are.
 
@@ -25,7 +24,7 @@ _FIRST_SEGMENTS = (("shoulder", "elbow"), ("hip", "knee"))
 _LIMBS = {f"{side}_{upper}": f"{side}_{lower}" for side in SIDES for upper, lower in _FIRST_SEGMENTS}
 
 
-def guessed_state(body: BodyModel, packed: Packed, workspace: FrameBuffers, xyz: Array) -> tuple[Array, Array] | None:
+def guessed_state(body: BodyModel, tree: tree_kernels.Tree, workspace: FrameBuffers, xyz: Array) -> tuple[Array, Array] | None:
     """State (nodes,), (nodes, 3, 3) of a body whose keypoints (A, 3) are at these places; None without a pelvis.
 
     Joint angles come from the segment frames of the points. A straight limb has no frame: its first segment then points along
@@ -41,16 +40,14 @@ def guessed_state(body: BodyModel, packed: Packed, workspace: FrameBuffers, xyz:
     q[:3] = points[hips].mean(axis=0)
     frame, origin = np.empty_like(rot), np.empty((len(rot), 3))
     for n, node in enumerate(body.nodes):
-        tree_kernels.forward_kinematics(
-            packed.tree.parent, packed.tree.kind, packed.tree.axis, packed.tree.offset, q, rot, frame, origin
-        )
+        tree_kernels.forward_kinematics(tree, q, rot, frame, origin)
         segment = NODE_SEGMENT.get(node.name)
         if segment is None:
             continue
         world = rotation[SEGMENT_NAMES.index(segment)]
         if not np.isnan(world).any():
             relative = frame[n].T @ world
-            if node.kind == BALL:
+            if node.kind == tree_kernels.BALL:
                 rot[n] = relative
             elif node.axis == 2:
                 q[n] = np.arctan2(-relative[0, 1], relative[1, 1])
@@ -135,8 +132,8 @@ class _Arms:
     leave: the upper arm is turned by 180 deg about its own axis. Legs have none, because hips have limits, too.
     """
 
-    def __init__(self, body: BodyModel, packed: Packed) -> None:
-        self._tree, names, rows = packed.tree, [node.name for node in body.nodes], landmark_rows(body)[:, 0]
+    def __init__(self, body: BodyModel, tree: tree_kernels.Tree) -> None:
+        self._tree, names, rows = tree, [node.name for node in body.nodes], landmark_rows(body)[:, 0]
         self._arms = []
         for side in SIDES:
             nodes = [f"{side}_{part}" for part in ("shoulder", "carrying", "elbow", "pronation")]
@@ -149,9 +146,7 @@ class _Arms:
     def turned(self, state: State, seen: Measurement, repeats: float) -> State | None:
         """The state with those arms turned that must be reversed; None if there are none."""
         tree, size = self._tree, len(state.velocity)
-        tree_kernels.forward_kinematics(
-            tree.parent, tree.kind, tree.axis, tree.offset, state.q, state.rot, self._frame, self._origin
-        )
+        tree_kernels.forward_kinematics(tree, state.q, state.rot, self._frame, self._origin)
         q, rot, sign = state.q.copy(), state.rot.copy(), np.ones(2 * size)
         for i, ((upper, carrying, elbow, pronation), points) in enumerate(self._arms):
             _, y, z = self._frame[upper].T.copy()
@@ -175,7 +170,7 @@ class BodyFilter:
 
     def __init__(self, body: BodyModel, settings: BodySettings, workspace: FrameBuffers) -> None:
         self.body, self.settings = body, settings
-        self.packed: Packed = packed_from_body(body, settings)
+        self.tree = tree_from_body(body, settings)
         self._workspace = workspace
         self._last: FilteredStep | None = None
         self._seen_ns = 0
@@ -216,33 +211,29 @@ class BodyFilter:
         return max(1.0, self.settings.noise_memory_s / elapsed_s)
 
     def _start(self, seen: Measurement, information: Array) -> FilteredStep | None:
-        self._arms = _Arms(self.body, self.packed)
-        guess = guessed_state(self.body, self.packed, self._workspace, seen.xyz)
+        self._arms = _Arms(self.body, self.tree)
+        guess = guessed_state(self.body, self.tree, self._workspace, seen.xyz)
         if guess is None:
             return None
         q, rot = guess
-        size = self.packed.size
-        first = np.eye(size) / _FIRST_SD**2
-        slack = self.packed.slack_var > 0
-        first[slack, slack] = 1 / self.packed.slack_var[slack]
+        size = self.tree.size
+        first = self.tree.held(1 / _FIRST_SD**2)
         hessian = self._fit(q, rot, first, seen, information, repeats=1.0, habit=1.0, steps=_FIRST_ITERATIONS)
         cov = np.zeros((2 * size, 2 * size))
         cov[:size, :size] = tree_kernels.inverse(hessian)
-        cov[size:, size:] = np.diag(np.where(slack, 1e-12, _SPEED_SD**2))
+        cov[size:, size:] = np.diag(np.where(self.tree.slack_var > 0, 1e-12, _SPEED_SD**2))
         return FilteredStep(seen.t_ns, State(q, rot, np.zeros(size), cov), None, None)
 
     def _next(self, last: FilteredStep, seen: Measurement, information: Array) -> FilteredStep:
-        p, s = self.packed, self.settings
+        tree, s = self.tree, self.settings
         elapsed_s = (seen.t_ns - last.t_ns) * 1e-9
         q, rot, velocity, cov = (a.copy() for a in (last.state.q, last.state.rot, last.state.velocity, last.state.cov))
-        transition = fit_kernels.predict(
-            p.tree.kind, p.tree.dof, p.slack_var, p.accel, elapsed_s, s.velocity_memory_s, SLACK_S, q, rot, velocity, cov
-        )
+        transition = fit_kernels.predict(tree, elapsed_s, s.velocity_memory_s, SLACK_S, q, rot, velocity, cov)
         expected = State(q.copy(), rot.copy(), velocity.copy(), cov.copy())
-        prior = tree_kernels.inverse(np.ascontiguousarray(cov[: p.size, : p.size]))
+        prior = tree_kernels.inverse(np.ascontiguousarray(cov[: tree.size, : tree.size]))
         repeats = self._repeats(elapsed_s)
         hessian = self._fit(q, rot, prior, seen, information, repeats=repeats, habit=HABIT_S / elapsed_s, steps=s.iterations)
-        step = tree_kernels.difference(p.tree.kind, p.tree.dof, q, rot, expected.q, expected.rot)
+        step = tree_kernels.difference(tree, q, rot, expected.q, expected.rot)
         fit_kernels.absorb(cov, prior, tree_kernels.inverse(hessian), step, velocity)
         return FilteredStep(seen.t_ns, State(q, rot, velocity, cov), expected, transition)
 
@@ -258,10 +249,9 @@ class BodyFilter:
         habit: float,
         steps: int,
     ) -> Array:
-        p = self.packed
         measured = fit_kernels.SeenKeypoints(seen.xyz, information, seen.projections, seen.xy, seen.inverse_var)
         hessian, _ = fit_kernels.gauss_newton(
-            p.tree, (q.copy(), rot.copy()), prior, p.preferred_sd * np.sqrt(max(1.0, habit)), measured,
+            self.tree, (q.copy(), rot.copy()), prior, np.sqrt(max(1.0, habit)), measured,
             self.settings.robust_dof, repeats, steps, q, rot,
         )  # fmt: skip
         return np.asarray(hessian)
@@ -276,20 +266,20 @@ def smoothed(filter_: BodyFilter, seen: Iterable[Measurement]) -> Iterator[tuple
     for one in seen:
         kept.append((one, filter_.step(one)))
         if len(kept) > _BLOCK_STEPS and (one.t_ns - kept[_BLOCK_STEPS][0].t_ns) * 1e-9 >= _LOOK_AHEAD_S:
-            yield from _smoothed_block(filter_.packed, kept, _BLOCK_STEPS)
+            yield from _smoothed_block(filter_.tree, kept, _BLOCK_STEPS)
             del kept[:_BLOCK_STEPS]
-    yield from _smoothed_block(filter_.packed, kept, len(kept))
+    yield from _smoothed_block(filter_.tree, kept, len(kept))
 
 
 def _smoothed_block(
-    packed: Packed, kept: list[tuple[Measurement, FilteredStep | None]], count: int
+    tree: tree_kernels.Tree, kept: list[tuple[Measurement, FilteredStep | None]], count: int
 ) -> Iterator[tuple[Measurement, State | None]]:
     """The first `count` of these steps, smoothed with all of them."""
     states: list[State | None] = []
     after, later = None, None
     for place in range(len(kept) - 1, -1, -1):
         filtered = kept[place][1]
-        later = _smoothed_state(packed, filtered, after, later)
+        later = _smoothed_state(tree, filtered, after, later)
         after = filtered
         if place < count:
             states.append(later)
@@ -297,24 +287,19 @@ def _smoothed_block(
 
 
 def _smoothed_state(
-    packed: Packed, filtered: FilteredStep | None, after: FilteredStep | None, later: State | None
+    tree: tree_kernels.Tree, filtered: FilteredStep | None, after: FilteredStep | None, later: State | None
 ) -> State | None:
     """One step backwards; `after`, `later`: the next step as filtered and as smoothed."""
     if filtered is None:
         return None
     if after is None or later is None or after.expected is None or after.transition is None:
         return filtered.state
-    tree = packed.tree
-    change = np.concatenate(
-        [
-            tree_kernels.difference(tree.kind, tree.dof, later.q, later.rot, after.expected.q, after.expected.rot),
-            later.velocity - after.expected.velocity,
-        ]
-    )
+    moved = tree_kernels.difference(tree, later.q, later.rot, after.expected.q, after.expected.rot)
+    change = np.concatenate([moved, later.velocity - after.expected.velocity])
     step, cov = fit_kernels.smooth_step(filtered.state.cov, *after.transition, after.expected.cov, later.cov, change)
     q, rot = filtered.state.q.copy(), filtered.state.rot.copy()
-    tree_kernels.retract(tree.kind, tree.dof, step[: packed.size], q, rot)
-    return replace(filtered.state, q=q, rot=rot, velocity=filtered.state.velocity + step[packed.size :], cov=cov)
+    tree_kernels.retract(tree, step[: tree.size], q, rot)
+    return replace(filtered.state, q=q, rot=rot, velocity=filtered.state.velocity + step[tree.size :], cov=cov)
 
 
 def _information(cov: Array) -> Array:

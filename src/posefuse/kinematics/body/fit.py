@@ -4,18 +4,18 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import lru_cache
 
 import numpy as np
 
-from posefuse.core import JointAngles, Kind, PoseSequence, Rig, Views
+from posefuse.core import JointAngles, Kind, PoseSequence, Rig, Views, ViewSequence
 from posefuse.core.arrays import Array, give_away, take_back
 from posefuse.core.skeleton import SIDES
 from posefuse.core.view_sequences import PartsOfViews
 from posefuse.kinematics.joints import FrameBuffers, frames_of, joints_from_poses, joints_value
 from posefuse.kinematics.settings import BodySettings, JointSettings
 
-from .contacts import FOOT, Contacts, contacts_of, foot_rows
+from .contacts import FOOT, contacts_of, foot_rows
 from .filter import BodyFilter, Measurement, of_points, smoothed
 from .model import BodyModel, bodies_from_poses
 from .result import Fitted, StateReader
@@ -64,7 +64,7 @@ def fit_poses(
     settings = settings or BodySettings()
     bodies = bodies if bodies is not None else bodies_from_poses(sequence, settings)
     work = FrameBuffers(sequence.skeleton, JointSettings())
-    poses = _Poses(sequence, settings, with_joints=True, in_place=False)
+    poses = _Written(sequence, settings)
     return poses.fit(_fit(sequence, _points_of(sequence), settings, bodies, work, poses))
 
 
@@ -100,7 +100,7 @@ def fit_views(
     if bodies is None:
         bodies = bodies_from_poses(start, settings)
     # keypoints of one body: among fused ones that do not belong together, rays may lead to a pose that explains only a few
-    near = _Points(start, settings.most_sigma_m)
+    near = _Written(start, settings, poses=False)
     _fit(start, _points_of(start), settings, bodies, work, near)
     near_world = nearest_in_time(near.xyz, sequence.skeleton)
 
@@ -109,7 +109,9 @@ def fit_views(
         xyz, cov = near_world[i, n, at], start.cov_world[i, n, at]
         return Measurement(t_ns=int(sequence.t_ns[i]), xyz=xyz, cov=cov, projections=projections, xy=xy, inverse_var=inverse_var)
 
-    blocks = _Blocks(views)
+    @lru_cache(maxsize=1)
+    def views_from(first: int) -> ViewSequence:
+        return views.part(slice(first, first + _BLOCK_STEPS))
 
     if lengths is not None:
         steps = np.unique(np.linspace(0, len(sequence) - 1, settings.length_steps).astype(int)).tolist()
@@ -123,25 +125,11 @@ def fit_views(
         }
 
     def measured(i: int, n: int, at: Array) -> Measurement:
-        return seen_by(blocks.at(i), i, n, at)
+        place = i % _BLOCK_STEPS
+        return seen_by(views_from(i - place).at(place), i, n, at)
 
-    poses = _Poses(sequence, settings, with_joints=not in_place, in_place=in_place)
+    poses = _Written(sequence, settings, joints=not in_place, in_place=in_place)
     return poses.fit(_fit(sequence, measured, settings, bodies, work, poses, by_rays=True))
-
-
-class _Blocks:
-    """The views of one time step after the other, made for some hundred time steps at a time."""
-
-    def __init__(self, views: PartsOfViews) -> None:
-        self._views = views
-        self._first, self._block = 0, views.part(slice(0, _BLOCK_STEPS))
-
-    def at(self, i: int) -> Views:
-        """Those of time step `i`."""
-        if not self._first <= i < self._first + _BLOCK_STEPS:
-            self._first = i - i % _BLOCK_STEPS
-            self._block = self._views.part(slice(self._first, self._first + _BLOCK_STEPS))
-        return self._block.at(i - self._first)
 
 
 def _rays_of(rig: Rig, xy_img: Array, score: Array, sigma_px: Array) -> tuple[Array, Array]:
@@ -174,62 +162,42 @@ class _FarOff:
         return not self._count or bool((self._far > _FAILED_SHARE * np.maximum(self._known, self._count / 2)).any())
 
 
-class _Points:
-    """The points (T, N, K, 3) of a sequence into which fits are written."""
+class _Written:
+    """The points (T, N, K, 3) of a sequence into which fits are written; with `poses` all of them, and the joints if wanted."""
 
-    def __init__(self, sequence: PoseSequence, most_sigma_m: float) -> None:
-        self._sequence, self._most_var = sequence, 3 * most_sigma_m**2
-
-    @cached_property
-    def xyz(self) -> Array:
-        """They are copied when first asked for."""
-        return self._sequence.xyz_world.copy()
-
-    def write(self, i: int, n: int, at: Array, fitted: Fitted) -> None:
-        """One person at one time step."""
-        taken = self._taken(i, n, at, fitted)
-        self.xyz[i, n, at[taken]] = fitted.xyz[taken]
-
-    def undo(self, n: int) -> None:
-        """One person as before."""
-        self.xyz[:, n] = self._sequence.xyz_world[:, n]
-
-    def _taken(self, i: int, n: int, at: Array, fitted: Fitted) -> Array:
-        """(A,) of which keypoints the fit counts: those that were seen, and of the others those that are sure."""
-        sure = np.trace(fitted.cov, axis1=-2, axis2=-1) < self._most_var
-        return np.asarray(sure | (self._sequence.kind[i, n, at] != Kind.MISSING))
-
-
-class _Poses(_Points):
-    """The poses of a sequence, and the joints if wanted, into which fits are written."""
-
-    def __init__(self, sequence: PoseSequence, settings: BodySettings, *, with_joints: bool, in_place: bool) -> None:
-        super().__init__(sequence, settings.most_sigma_m)
-        self._with_joints, self._in_place = with_joints, in_place
+    def __init__(
+        self, sequence: PoseSequence, settings: BodySettings, *, poses: bool = True, joints: bool = True, in_place: bool = False
+    ) -> None:
+        self._sequence, self._most_var = sequence, 3 * settings.most_sigma_m**2
+        self._poses, self._joints, self._in_place = poses, joints, in_place
         self._planes: list[Array] = []
 
+    @property
+    def xyz(self) -> Array:
+        """The points as they are now."""
+        return self._written()[0]
+
     def write(self, i: int, n: int, at: Array, fitted: Fitted) -> None:
-        if not self._planes:
-            # not before: of an hour they take much memory, and so does what shows which feet stand
-            self._planes = self._before()
-            if self._in_place:
-                take_back(*self._planes[:3])
-            else:
-                self._planes = [plane.copy() for plane in self._planes]
-        taken = self._taken(i, n, at, fitted)
-        xyz, cov, kind, *of_joints = self._planes
+        """One person at one time step: the keypoints that were seen, and of the others those that are sure."""
+        sure = np.trace(fitted.cov, axis1=-2, axis2=-1) < self._most_var
+        taken = sure | (self._sequence.kind[i, n, at] != Kind.MISSING)
+        xyz, *others = self._written()
         kept = at[taken]
-        xyz[i, n, kept], cov[i, n, kept] = fitted.xyz[taken], fitted.cov[taken]
+        xyz[i, n, kept] = fitted.xyz[taken]
+        if not others:
+            return
+        cov, kind, *of_joints = others
+        cov[i, n, kept] = fitted.cov[taken]
         kind[i, n, kept] = np.where(kind[i, n, kept] == Kind.MISSING, Kind.INTERPOLATED, Kind.SMOOTHED)
-        if self._with_joints:
+        if self._joints:
             values = (*frames_of(fitted.rotation, fitted.origin), fitted.angles, fitted.sigmas)
             for plane, value in zip(of_joints, values, strict=True):
                 plane[i, n] = value
 
     def undo(self, n: int) -> None:
-        if self._planes:
-            for plane, unfitted in zip(self._planes, self._before(), strict=True):
-                plane[:, n : n + 1] = unfitted[:, n : n + 1]
+        """One person as before."""
+        for plane, unfitted in zip(self._planes, self._before() if self._planes else (), strict=True):
+            plane[:, n : n + 1] = unfitted[:, n : n + 1]
 
     def fit(self, bodies: Mapping[int, BodyModel]) -> BodyFit:
         """All that was written."""
@@ -242,9 +210,21 @@ class _Poses(_Points):
             bodies,
         )
 
+    def _written(self) -> list[Array]:
+        """Not made before they are asked for: of an hour they take much memory, and so does what shows which feet stand."""
+        if not self._planes:
+            self._planes = self._before()
+            if self._in_place:
+                take_back(*self._planes[:3])
+            else:
+                self._planes = [plane.copy() for plane in self._planes]
+        return self._planes
+
     def _before(self) -> list[Array]:
         poses = self._sequence
-        joints = joints_from_poses(poses if self._with_joints else poses.people(slice(0)))
+        if not self._poses:
+            return [poses.xyz_world]
+        joints = joints_from_poses(poses if self._joints else poses.people(slice(0)))
         frames = joints.world_from_segment
         return [poses.xyz_world, poses.cov_world, poses.kind, frames.wxyz, frames.xyz, joints.angle_rad, joints.sigma_rad]
 
@@ -255,7 +235,7 @@ def _fit(
     settings: BodySettings,
     bodies: Mapping[int, BodyModel],
     work: FrameBuffers,
-    written: _Points,
+    written: _Written,
     *,
     by_rays: bool = False,
 ) -> dict[int, BodyModel]:
@@ -303,11 +283,12 @@ def _after_a_first_pass(
             points[i], cov[i] = xyz[feet], spread[feet]
     if not settings.contact_sigma_m:
         return seen()
-    return _standing(seen(), feet, contacts_of(t_ns, points, cov, body.skeleton, body.keypoint[feet]), len(body.keypoint))
+    contacts = contacts_of(t_ns, points, cov, body.skeleton, body.keypoint[feet])
+    return _standing(seen(), feet, contacts, len(body.keypoint))
 
 
-def _standing(seen: Iterator[Measurement], feet: list[int], contacts: Contacts, count: int) -> Iterator[Measurement]:
+def _standing(seen: Iterator[Measurement], feet: list[int], contacts: tuple[Array, Array], count: int) -> Iterator[Measurement]:
     standing, shared = np.full((count, 3), np.nan), np.zeros((count, 3, 3))
-    for i, one in enumerate(seen):
-        standing[feet], shared[feet] = contacts.xyz[i], contacts.cov[i]
+    for one, xyz, cov in zip(seen, *contacts, strict=True):
+        standing[feet], shared[feet] = xyz, cov
         yield replace(one, standing=standing.copy(), standing_cov=shared.copy())

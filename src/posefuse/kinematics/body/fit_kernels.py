@@ -94,19 +94,24 @@ def _pull(hessian, slope, at, residual, sd):
 
 
 @kernel()
-def habits(kind, dof, preferred_sd, limits, mirrored, q, rot, hessian, slope):
-    """What humans do not do: preferences for zero of unlimited spread per second, and soft ends of each range."""
-    for n in range(kind.shape[0]):
-        if kind[n] == BALL:
-            if preferred_sd[n] < np.inf:
+def habits(tree, looser, q, rot, hessian, slope):
+    """What humans do not do: preferences for zero of unlimited spread per second, and soft ends of each range.
+
+    looser: what the standard deviations of the preferences are multiplied by.
+    """
+    dof, limits = tree.dof, tree.limits
+    for n in range(len(q)):
+        sd = tree.preferred_sd[n] * looser
+        if tree.kind[n] == BALL:
+            if sd < np.inf:
                 turned = log3(rot[n])
                 for k in range(3):
-                    _pull(hessian, slope, dof[n] + k, -turned[k], preferred_sd[n])
+                    _pull(hessian, slope, dof[n] + k, -turned[k], sd)
             if limits[n, 0, 0] < limits[n, 0, 1]:
-                _ball_limits(rot[n], dof[n], limits[n], mirrored[n], hessian, slope)
+                _ball_limits(rot[n], dof[n], limits[n], tree.mirrored[n], hessian, slope)
             continue
-        if preferred_sd[n] < np.inf:
-            _pull(hessian, slope, dof[n], -q[n], preferred_sd[n])
+        if sd < np.inf:
+            _pull(hessian, slope, dof[n], -q[n], sd)
         if limits[n, 0, 0] < limits[n, 0, 1]:
             over = max(0.0, q[n] - limits[n, 0, 1]) + min(0.0, q[n] - limits[n, 0, 0])
             if over != 0.0:
@@ -186,47 +191,46 @@ class SeenKeypoints(NamedTuple):
 
 
 @kernel()
-def gauss_newton(tree, expected, expected_information, preferred_sd, seen, robust, repeats, iterations, q, rot):
+def gauss_newton(tree, expected, expected_information, looser, seen, robust, repeats, iterations, q, rot):
     """Fit one time step, in place from (q, rot); returns the information (D, D) at the optimum and the iterations used.
 
-    `expected`: the state (q, rot) it is expected in. What was measured counts `repeats` times less than it states, as its error
-    is that of as many time steps; whether it is an outlier is judged by what it states.
+    `expected`: the state (q, rot) it is expected in. `looser`: see `habits`. What was measured counts `repeats` times less than
+    it states, as its error is that of as many time steps; whether it is an outlier is judged by what it states.
     """
     hessian, slope = np.empty(expected_information.shape), np.empty(tree.dof[-1])
     used = 0
-    _equations(tree, expected, expected_information, preferred_sd, seen, robust, repeats, q, rot, hessian, slope)
+    _equations(tree, expected, expected_information, looser, seen, robust, repeats, q, rot, hessian, slope)
     while used < iterations and _stepped(tree, hessian, slope, q, rot):
         used += 1
-        _equations(tree, expected, expected_information, preferred_sd, seen, robust, repeats, q, rot, hessian, slope)
+        _equations(tree, expected, expected_information, looser, seen, robust, repeats, q, rot, hessian, slope)
     return 0.5 * (hessian + hessian.T), used
 
 
 @kernel()
-def descend(tree, expected, expected_information, preferred_sd, seen, robust, iterations, q, rot, points):
+def descend(tree, expected, expected_information, looser, seen, robust, iterations, q, rot, points):
     """As `gauss_newton`, for the pose alone: no equations at its optimum. Leaves the places (A, 3) of the keypoints."""
     hessian, slope = np.empty(expected_information.shape), np.empty(tree.dof[-1])
     for _ in range(iterations):
-        _equations(tree, expected, expected_information, preferred_sd, seen, robust, 1.0, q, rot, hessian, slope)
+        _equations(tree, expected, expected_information, looser, seen, robust, 1.0, q, rot, hessian, slope)
         if not _stepped(tree, hessian, slope, q, rot):
             break
     put_points(tree, q, rot, points)
 
 
 @kernel()
-def _equations(tree, expected, expected_information, preferred_sd, seen, robust, repeats, q, rot, hessian, slope):
+def _equations(tree, expected, expected_information, looser, seen, robust, repeats, q, rot, hessian, slope):
     """The normal equations (D, D) and (D,) of one time step about a state."""
-    parent, kind, axis, offset, dof, limits, mirrored, node, local = tree
     xyz, information, projections, xy, inverse_var = seen
     q_expected, rot_expected = expected
     frame, origin = np.empty(rot.shape), np.empty((len(q), 3))
     columns, values = np.empty(len(slope), np.int64), np.empty((len(slope), 3))
     gradient, local_information = np.empty(3), np.empty((3, 3))
-    forward_kinematics(parent, kind, axis, offset, q, rot, frame, origin)
+    forward_kinematics(tree, q, rot, frame, origin)
     hessian[:] = expected_information
-    slope[:] = -(expected_information @ difference(kind, dof, q, rot, q_expected, rot_expected))
-    habits(kind, dof, preferred_sd, limits, mirrored, q, rot, hessian, slope)
-    for p in range(node.shape[0]):
-        x = place(frame, origin, node[p], local[p])
+    slope[:] = -(expected_information @ difference(tree, q, rot, q_expected, rot_expected))
+    habits(tree, looser, q, rot, hessian, slope)
+    for p in range(len(xyz)):
+        x = place(frame, origin, tree.node[p], tree.local[p])
         gradient[:] = 0.0
         local_information[:] = 0.0
         if information[p, 0, 0] > 0.0:
@@ -235,7 +239,7 @@ def _equations(tree, expected, expected_information, preferred_sd, seen, robust,
         if local_information[0, 0] > 0.0:
             gradient /= repeats
             local_information /= repeats
-            count = derivative(parent, kind, axis, dof, frame, node[p], x, origin, columns, values)
+            count = derivative(tree, frame, tree.node[p], x, origin, columns, values)
             add(columns, values, count, gradient, local_information, hessian, slope)
 
 
@@ -248,20 +252,18 @@ def _stepped(tree, hessian, slope, q, rot):
         step *= 0.5 / biggest
     if biggest < CONVERGED:
         return False
-    retract(tree.kind, tree.dof, step, q, rot)
+    retract(tree, step, q, rot)
     return True
 
 
 @kernel()
-def predict(kind, dof, slack_var, accel, elapsed_s, memory_s, slack_memory_s, q, rot, velocity, cov):
+def predict(tree, elapsed_s, memory_s, slack_memory_s, q, rot, velocity, cov):
     """Carry state, velocity (D,) and covariance (2D, 2D) over a time; in place. Returns the transition's three diagonals.
 
     Velocities fade (Ornstein-Uhlenbeck) with white acceleration; slack falls back to zero with its own stationary spread.
     """
-    size = dof[-1]
-    keep = np.ones(size)
-    drift = np.zeros(size)
-    fade = np.zeros(size)
+    size, slack_var = tree.dof[-1], tree.slack_var
+    keep, drift, fade = np.ones(size), np.zeros(size), np.zeros(size)
     decay = math.exp(-elapsed_s / memory_s)
     forget = math.exp(-elapsed_s / slack_memory_s)
     for d in range(size):
@@ -270,10 +272,10 @@ def predict(kind, dof, slack_var, accel, elapsed_s, memory_s, slack_memory_s, q,
         else:
             drift[d], fade[d] = memory_s * (1.0 - decay), decay
     step = drift * velocity
-    for n in range(kind.shape[0]):
-        if kind[n] != BALL and slack_var[dof[n]] > 0.0:
+    for n in range(len(q)):
+        if tree.kind[n] != BALL and slack_var[tree.dof[n]] > 0.0:
             q[n] *= forget
-    retract(kind, dof, step, q, rot)
+    retract(tree, step, q, rot)
     velocity *= fade
     _spread(cov, keep, drift, fade)
     for d in range(size):
@@ -281,7 +283,7 @@ def predict(kind, dof, slack_var, accel, elapsed_s, memory_s, slack_memory_s, q,
             cov[d, d] += slack_var[d] * (1.0 - forget * forget)
             cov[size + d, size + d] = 1e-12
         else:
-            power = accel[d] ** 2
+            power = tree.accel[d] ** 2
             cov[d, d] += power * elapsed_s**3 / 3.0
             cov[d, size + d] += power * elapsed_s**2 / 2.0
             cov[size + d, d] += power * elapsed_s**2 / 2.0

@@ -20,7 +20,7 @@ from posefuse.kinematics.settings import BodySettings, LiveBodyRules
 from . import fit_kernels
 from .contacts import StandingFeet
 from .filter import guessed_state
-from .model import BodyModel, Packed, body_from_frames, packed_from_body
+from .model import BodyModel, body_from_frames, tree_from_body
 from .shape import LengthPrior, with_expected_lengths
 
 # when there are more, every other one is left out
@@ -204,7 +204,7 @@ class LiveBody:
     def __init__(
         self, skeleton: Skeleton, settings: BodySettings, live: LiveBodyRules, prior: LengthPrior, work: FrameBuffers
     ) -> None:
-        self._skeleton, self._settings, self._live, self._work = skeleton, settings, live, work
+        self._settings, self._live, self._work = settings, live, work
         self.learnt = LearntBody(skeleton, settings, live, prior, work)
         self.drops = 0
         self.disagreement = np.ones(len(skeleton))
@@ -254,10 +254,10 @@ class LiveBody:
     def _started(self, body: BodyModel, tracked: TrackedPoints, rays: LiveRays) -> _Fit | None:
         """From the robust pose; None without a pelvis."""
         start = np.where(np.isfinite(rays.checked_world), rays.checked_world, tracked.xyz)[body.keypoint]
-        state = guessed_state(body, packed_from_body(body, self._settings), self._work, start)
+        state = guessed_state(body, tree_from_body(body, self._settings), self._work, start)
         if state is None:
             return None
-        fit = _Fit(body, self._skeleton, self._settings, self._live, state)
+        fit = _Fit(body, self._settings, self._live, state)
         fit.to_rays(tracked, rays, _FIRST_ITERATIONS)
         return fit
 
@@ -268,22 +268,18 @@ class LiveBody:
 class _Fit:
     """A skeleton in a pose, and how it got there."""
 
-    def __init__(
-        self, body: BodyModel, skeleton: Skeleton, settings: BodySettings, live: LiveBodyRules, state: tuple[Array, Array]
-    ) -> None:
-        self._body, self._skeleton, self._settings, self._live, self._state = body, skeleton, settings, live, state
-        self._packed: Packed = packed_from_body(body, settings)
-        slack_var = self._packed.slack_var
-        self._loose = np.diag(np.where(slack_var > 0, 1 / np.where(slack_var > 0, slack_var, 1.0), 1 / _LOOSE_SD**2))
+    def __init__(self, body: BodyModel, settings: BodySettings, live: LiveBodyRules, state: tuple[Array, Array]) -> None:
+        self._body, self._settings, self._live, self._state = body, settings, live, state
+        self._tree = tree_from_body(body, settings)
+        self._loose = self._tree.held(1 / _LOOSE_SD**2)
         self._slack = np.array([node.slack for node in body.nodes])
         count = len(body.keypoint)
         # (A, 3) keypoints in the pose, from the first fit on
         self._points = np.full((count, 3), np.nan)
         # (A, 3) from the tracked keypoints to where rays put them
         self._off = np.zeros((count, 3))
-        self._feet = StandingFeet(skeleton, body.keypoint)
+        self._feet = StandingFeet(body.skeleton, body.keypoint)
         self._soles = body.keypoint[self._feet.rows]
-        self._preferred_sd = self._packed.preferred_sd * _PREFERENCE
         self._far = np.zeros(count, np.int64)
         self._worse = 0
         self._no_rays = np.zeros((0, 3, 4)), np.zeros((count, 0, 2)), np.zeros((count, 0))
@@ -292,8 +288,7 @@ class _Fit:
         """The same with other lengths; None if it is another tree."""
         if not body.same_tree(self._body):
             return None
-        tree = self._packed.tree._replace(offset=body.offset, local=body.keypoint_local)
-        self._body, self._packed = body, replace(self._packed, tree=tree)
+        self._body, self._tree = body, self._tree._replace(offset=body.offset, local=body.keypoint_local)
         return self
 
     def correction(self, xyz: Array) -> Array:
@@ -362,6 +357,6 @@ class _Fit:
         q, rot = self._state
         expected = np.where(self._slack, 0.0, q), rot.copy()
         fit_kernels.descend(
-            self._packed.tree, expected, self._loose, self._preferred_sd, seen, self._settings.robust_dof, iterations,
+            self._tree, expected, self._loose, _PREFERENCE, seen, self._settings.robust_dof, iterations,
             q, rot, self._points,
         )  # fmt: skip

@@ -1,4 +1,4 @@
-"""A person's own skeleton: segment lengths and places of keypoints, estimated from a recording, and packed for the kernels."""
+"""The kinematic tree: which joints move how, and which keypoints hang where; and a person's own, estimated from a recording."""
 
 from __future__ import annotations
 
@@ -9,13 +9,88 @@ import numpy as np
 from posefuse.core import InputError, PoseSequence, Skeleton
 from posefuse.core.arrays import SIGMA_PER_MAD, Array
 from posefuse.core.skeleton import LIMB_ENDS, SIDES
-from posefuse.kinematics.definitions import SEGMENT_NAMES, landmark_pairs
+from posefuse.kinematics.definitions import SEGMENT_NAMES, X, Y, Z, landmark_pairs
 from posefuse.kinematics.joints import joints_from_poses
 from posefuse.kinematics.settings import BodySettings
 from posefuse.kinematics.sides import landmarks
 
-from . import tree_kernels
-from .tree import AT_ORIGIN, BALL, NODE_SEGMENT, NODES, SLIDE, TEMPLATES, Node
+from .tree_kernels import BALL, HINGE, SLIDE, Tree
+
+_FREE = float("inf")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Node:
+    """One joint of the tree; a frame that moves relative to its parent's.
+
+    Attributes:
+        name: its name. parent: name of the node it is attached to, "" for the world.
+        kind: SLIDE or HINGE along or about `axis`, or BALL.
+        offset: name of the offset (3,) of its origin in its parent's frame; "" is zero.
+        sd: radians or metres a human departs from zero (inf: no preference).
+        slack: does not move of itself, only gives way: soft tissue, shoulder girdle.
+        limits: (low, high) of a hinge in rad; of a ball: of its three ZXY angles.
+    """
+
+    name: str
+    parent: str
+    kind: int
+    axis: int = 0
+    offset: str = ""
+    sd: float = _FREE
+    slack: bool = False
+    limits: tuple[tuple[float, float], ...] = ()
+
+
+def _side(side: str) -> tuple[Node, ...]:
+    s, e, w = f"{side}_shoulder", f"{side}_elbow", f"{side}_wrist"
+    h, k, a = f"{side}_hip", f"{side}_knee", f"{side}_ankle"
+    return (
+        Node(name=f"{side}_girdle_x", parent="stretch", kind=SLIDE, axis=X, offset=s, sd=0.025, slack=True),
+        Node(name=f"{side}_girdle_y", parent=f"{side}_girdle_x", kind=SLIDE, axis=Y, sd=0.025, slack=True),
+        Node(name=s, parent=f"{side}_girdle_y", kind=BALL, sd=1.5),
+        Node(name=f"{side}_carrying", parent=s, kind=HINGE, axis=X, offset=e, sd=0.07, slack=True),
+        Node(name=e, parent=f"{side}_carrying", kind=HINGE, axis=Z, sd=1.2, limits=((-0.15, 2.7),)),
+        Node(name=f"{side}_pronation", parent=e, kind=HINGE, axis=Y, offset=w, sd=1.0, limits=((-0.6, 3.3),)),
+        Node(name=f"{side}_wrist_flexion", parent=f"{side}_pronation", kind=HINGE, axis=Z, sd=0.5, limits=((-1.4, 1.5),)),
+        Node(name=f"{side}_hand", parent=f"{side}_wrist_flexion", kind=HINGE, axis=X, sd=0.3, limits=((-0.7, 0.7),)),
+        Node(name=h, parent="pelvis", kind=BALL, offset=h, sd=0.8, limits=((-0.7, 2.3), (-0.9, 0.7), (-0.9, 0.9))),
+        Node(name=f"{side}_varus", parent=h, kind=HINGE, axis=X, offset=k, sd=0.07, slack=True),
+        Node(name=k, parent=f"{side}_varus", kind=HINGE, axis=Z, sd=1.0, limits=((-2.7, 0.15),)),
+        Node(name=a, parent=k, kind=BALL, offset=a, sd=0.4, limits=((-1.1, 0.7), (-0.7, 0.7), (-0.8, 0.8))),
+    )
+
+
+NODES = (
+    Node(name="x", parent="", kind=SLIDE, axis=X),
+    Node(name="y", parent="x", kind=SLIDE, axis=Y),
+    Node(name="z", parent="y", kind=SLIDE, axis=Z),
+    Node(name="pelvis", parent="z", kind=BALL),
+    Node(name="bend", parent="pelvis", kind=HINGE, axis=X, sd=0.4, limits=((-0.8, 0.8),)),
+    Node(name="twist", parent="bend", kind=HINGE, axis=Y, sd=0.5, limits=((-1.2, 1.2),)),
+    Node(name="stretch", parent="twist", kind=SLIDE, axis=Y, offset="neck", sd=0.03, slack=True),
+    Node(name="head", parent="stretch", kind=BALL, offset="head", sd=0.6),
+    *_side("left"),
+    *_side("right"),
+)
+
+# the node each keypoint is fixed to; a limb joint sits at the node's own origin, the others at an estimated place
+_ENDS = {"elbow": "carrying", "wrist": "pronation", "knee": "varus", "ankle": "ankle", "shoulder": "shoulder", "hip": "hip"}
+_HEAD = ("nose", "head", *(f"{s}_{p}" for s in SIDES for p in ("eye", "eye_inner", "eye_outer", "ear", "mouth")))
+_AT_ORIGIN = {f"{side}_{point}": f"{side}_{node}" for side in SIDES for point, node in _ENDS.items()}
+_TEMPLATES = (
+    dict.fromkeys(_HEAD, "head")
+    | {f"{s}_{p}": f"{s}_hand" for s in SIDES for p in ("index", "pinky", "thumb")}
+    | {f"{s}_{p}": f"{s}_ankle" for s in SIDES for p in ("heel", "big_toe", "small_toe", "foot_index")}
+    | {"neck": "stretch", "mid_hip": "pelvis"}
+)
+# the segment whose frame a template point is constant in, and the limb node that carries that segment's rotation
+_TURNED = (
+    ("shoulder", "upper_arm"), ("elbow", "forearm"), ("hand", "hand"), ("hip", "thigh"), ("knee", "shank"), ("ankle", "foot"),
+)  # fmt: skip
+NODE_SEGMENT = {"pelvis": "pelvis", "stretch": "thorax", "head": "head"} | {
+    f"{side}_{node}": f"{side}_{segment}" for side in SIDES for node, segment in _TURNED
+}
 
 # time steps in which what a skeleton is made of must have been seen
 FEWEST_SEEN = 5
@@ -127,12 +202,6 @@ def body_from_frames(skeleton: Skeleton, xyz: Array, cov: Array, rotation: Array
     )
 
 
-def _robust(values: Array) -> tuple[Array, Array]:
-    """Median and robust standard deviation over the first axis, of what is not NaN; NaN where nothing is."""
-    middle = _median(values)
-    return middle, SIGMA_PER_MAD * _median(np.abs(values - middle))
-
-
 def _median(values: Array) -> Array:
     """As np.nanmedian over the first axis, which takes many times as long for the few time steps of a live session."""
     # NaN come last
@@ -151,7 +220,9 @@ def _lengths(points: dict[str, Array], noise_var: float, symmetric: bool) -> dic
     distance = np.linalg.norm(np.stack(list(spans.values()), axis=1), axis=-1)
     seen = np.isfinite(distance).sum(axis=0) >= FEWEST_SEEN
     lengths = {}
-    for name, known, middle, spread in zip(spans, seen, *_robust(distance), strict=True):
+    middles = _median(distance)
+    spreads = SIGMA_PER_MAD * _median(np.abs(distance - middles))
+    for name, known, middle, spread in zip(spans, seen, middles, spreads, strict=True):
         if not known:
             continue
         ends_var = noise_var * (1.0 if name == "trunk" else 2.0)
@@ -232,8 +303,8 @@ def _attached(
 ) -> dict[int, tuple[str, Array]]:
     """Node and local place (3,) of each keypoint the tree carries."""
     keypoints = skeleton.keypoints
-    at_origin = {index: AT_ORIGIN[name] for index, name in enumerate(keypoints) if AT_ORIGIN.get(name) in names}
-    templates = {index: TEMPLATES[name] for index, name in enumerate(keypoints) if TEMPLATES.get(name) in names}
+    at_origin = {index: _AT_ORIGIN[name] for index, name in enumerate(keypoints) if _AT_ORIGIN.get(name) in names}
+    templates = {index: _TEMPLATES[name] for index, name in enumerate(keypoints) if _TEMPLATES.get(name) in names}
     places = {index: (node, np.zeros(3)) for index, node in at_origin.items()}
     if templates:
         origins, seen = _template_origins(points), np.empty((len(xyz), len(templates), 3))
@@ -256,12 +327,6 @@ def _template_origins(points: dict[str, Array]) -> dict[str, Array]:
     return origins
 
 
-def degrees_of_freedom(nodes: tuple[Node, ...]) -> Array:
-    """(nodes,) first place of each node's freedom in the state."""
-    sizes = [3 if node.kind == BALL else 1 for node in nodes]
-    return np.concatenate([[0], np.cumsum(sizes)])
-
-
 def landmark_rows(body: BodyModel) -> Array:
     """(P, 2) rows of `body.keypoint` whose mean is each landmark; -1 where the tree does not carry it."""
     row = {int(k): i for i, k in enumerate(body.keypoint)}
@@ -275,33 +340,18 @@ HABIT_S = 1.0  # a preference counts as one measurement in this time
 SLACK_S = 0.5
 
 
-@dataclass(frozen=True, eq=False, kw_only=True)
-class Packed:
-    """The tree of one body, and its constants of motion, as arrays (nodes, ...) and (D, ...)."""
-
-    tree: tree_kernels.Tree
-    preferred_sd: Array
-    slack_var: Array
-    accel: Array
-
-    @property
-    def size(self) -> int:
-        """D."""
-        return int(self.tree.dof[-1])
-
-
-def packed_from_body(body: BodyModel, settings: BodySettings) -> Packed:
-    """Arrays of a body; limits and preferences from the settings."""
+def tree_from_body(body: BodyModel, settings: BodySettings) -> Tree:
+    """A body as the kernels want it; limits and constants of motion from the settings."""
     nodes = body.nodes
     names = [node.name for node in nodes]
-    dof = degrees_of_freedom(nodes)
+    dof = np.concatenate([[0], np.cumsum([3 if node.kind == BALL else 1 for node in nodes])])
     slack_var, accel = np.zeros(dof[-1]), np.full(dof[-1], settings.turn_accel_rad_s15)
     for n, node in enumerate(nodes):
         if node.slack:
             slack_var[dof[n]] = node.sd**2
         elif node.kind == SLIDE:
             accel[dof[n]] = settings.move_accel_m_s15
-    tree = tree_kernels.Tree(
+    return Tree(
         parent=np.array([names.index(node.parent) if node.parent else -1 for node in nodes]),
         kind=np.array([node.kind for node in nodes]),
         axis=np.array([node.axis for node in nodes]),
@@ -311,9 +361,10 @@ def packed_from_body(body: BodyModel, settings: BodySettings) -> Packed:
         mirrored=np.array([node.name.startswith("left_") for node in nodes]),
         node=body.keypoint_node,
         local=np.ascontiguousarray(body.keypoint_local),
+        preferred_sd=np.array([np.inf if node.slack else node.sd for node in nodes]),
+        slack_var=slack_var,
+        accel=accel,
     )
-    preferred_sd = np.array([np.inf if node.slack else node.sd for node in nodes])
-    return Packed(tree=tree, preferred_sd=preferred_sd, slack_var=slack_var, accel=accel)
 
 
 def _limits(node: Node, wanted: bool) -> Array:

@@ -11,9 +11,10 @@ from posefuse.kinematics.definitions import LIMBS
 from posefuse.kinematics.joints import FrameBuffers
 from posefuse.kinematics.kernels import PLANE_SIZE, unwrap
 
-from . import fit_kernels, tree_kernels
+from . import fit_kernels
 from .filter import BodyFilter, Measurement, State
-from .model import Packed, landmark_rows
+from .model import landmark_rows
+from .tree_kernels import Tree, keypoints
 
 # What an error of the segment lengths does to the keypoints, with the pose fitted again to the same rays.
 
@@ -21,7 +22,7 @@ from .model import Packed, landmark_rows
 _WEAK = 1.0
 
 
-def length_response(p: Packed, seen: Measurement, robust: float, points: Array, by_state: Array, by_length: Array) -> Array:
+def length_response(tree: Tree, seen: Measurement, robust: float, points: Array, by_state: Array, by_length: Array) -> Array:
     """(A, 3, S) metres that each keypoint moves per metre of each segment.
 
     Where several views see a joint it hardly moves; where one does, it moves along the ray; unseen, it moves with its segment.
@@ -34,8 +35,7 @@ def length_response(p: Packed, seen: Measurement, robust: float, points: Array, 
     for a, x in enumerate(points):
         fit_kernels.ray_information(x, seen.projections, seen.xy[a], seen.inverse_var[a], robust, gradient, information[a])
     pulled = np.einsum("aid,aij->adj", by_state, information)
-    slack = np.where(p.slack_var > 0, 1 / np.where(p.slack_var > 0, p.slack_var, 1.0), _WEAK)
-    hessian = np.einsum("adj,aje->de", pulled, by_state) + np.diag(slack)
+    hessian = np.einsum("adj,aje->de", pulled, by_state) + tree.held(_WEAK)
     follows = np.linalg.solve(hessian, np.einsum("adj,ajs->ds", pulled, by_length))
     return np.asarray(by_length - by_state @ follows)
 
@@ -55,14 +55,14 @@ def robust_variance_factor(seen: Measurement, robust: float, points: Array) -> A
     return np.maximum(np.where(freedom > 0, weighted.sum(axis=1) / np.maximum(freedom, 1), 1.0), 1.0)
 
 
-def length_derivatives(p: Packed, slopes: Array, frame: Array) -> Array:
+def length_derivatives(tree: Tree, slopes: Array, frame: Array) -> Array:
     """(A, 3, S) metres that each keypoint moves per metre of each segment, the pose held: turns (nodes, 3, 3) of the nodes."""
-    above = np.where((p.tree.parent >= 0)[:, None, None], frame[p.tree.parent], np.eye(3))
+    above = np.where((tree.parent >= 0)[:, None, None], frame[tree.parent], np.eye(3))
     moved = np.einsum("nij,nsj->nis", above, slopes)
-    for n, parent in enumerate(p.tree.parent):
+    for n, parent in enumerate(tree.parent):
         if parent >= 0:
             moved[n] += moved[parent]
-    return np.ascontiguousarray(moved[p.tree.node])
+    return np.ascontiguousarray(moved[tree.node])
 
 
 _LIMB_NODE = {"left_arm": "left_shoulder", "right_arm": "right_shoulder", "left_leg": "left_hip", "right_leg": "right_hip"}
@@ -84,14 +84,14 @@ class StateReader:
     """Reads states of one body. Remembers only which turn each angle is on."""
 
     def __init__(self, filter_: BodyFilter, workspace: FrameBuffers) -> None:
-        self._packed, self._body, self._work = filter_.packed, filter_.body, workspace
+        self._tree, self._body, self._work = filter_.tree, filter_.body, workspace
         self._rows = landmark_rows(filter_.body)
         self._offset_var, self._robust = filter_.settings.offset_sigma_m**2, filter_.settings.robust_dof
         hips = [self._body.skeleton.keypoints[k].endswith("_hip") for k in self._body.keypoint]
         self._own_var = np.where(hips, filter_.settings.hip_sigma_m**2, self._offset_var)
         nodes, points = len(self._body.nodes), len(self._body.keypoint)
         self._frame, self._origin = np.empty((nodes, 3, 3)), np.empty((nodes, 3))
-        self._points, self._jacobians = np.empty((points, 3)), np.empty((points, 3, self._packed.size))
+        self._points, self._jacobians = np.empty((points, 3)), np.empty((points, 3, self._tree.size))
         names = [node.name for node in self._body.nodes]
         self._limb_nodes = [names.index(node) if (node := _LIMB_NODE[limb.name]) in names else -1 for limb in LIMBS]
         self._last = np.full((len(workspace.angles), 3), np.nan)
@@ -101,14 +101,14 @@ class StateReader:
 
         Where these disagree more than they state, the covariance grows with it.
         """
-        work, size = self._work, self._packed.size
+        work, size = self._work, self._tree.size
         self._place(state)
         cov_state = np.ascontiguousarray(state.cov[:size, :size])
         own = self._offset_var * np.eye(3)
         cov = self._cov(state) + self._own_var[:, None, None] * np.eye(3)
         if seen is not None and self._body.length_cov.size:
-            by_length = length_derivatives(self._packed, self._body.length_slopes, self._frame)
-            moves = length_response(self._packed, seen, self._robust, self._points, self._jacobians, by_length)
+            by_length = length_derivatives(self._tree, self._body.length_slopes, self._frame)
+            moves = length_response(self._tree, seen, self._robust, self._points, self._jacobians, by_length)
             cov = cov + moves @ self._body.length_cov @ np.swapaxes(moves, -1, -2)
         if seen is not None and seen.standing_cov is not None:
             cov = cov + seen.standing_cov
@@ -139,18 +139,17 @@ class StateReader:
         return self._points.copy(), self._cov(state)
 
     def _cov(self, state: State) -> Array:
-        size = self._packed.size
+        size = self._tree.size
         return np.asarray(self._jacobians @ state.cov[:size, :size] @ np.swapaxes(self._jacobians, -1, -2))
 
     def _place(self, state: State) -> None:
-        p = self._packed
-        tree_kernels.keypoints(p.tree, state.q, state.rot, self._frame, self._origin, self._points, self._jacobians)
+        keypoints(self._tree, state.q, state.rot, self._frame, self._origin, self._points, self._jacobians)
 
     def _planes(self, cov: Array) -> Array:
         """The limb planes as the tree itself holds them, straight or not."""
         planes = np.full((len(LIMBS), PLANE_SIZE), np.nan)
         for i, node in enumerate(self._limb_nodes):
             if node >= 0:
-                turn = self._packed.tree.dof[node] + 1
+                turn = self._tree.dof[node] + 1
                 planes[i] = [*self._frame[node][:, 2], cov[turn, turn], np.inf, 0.0]
         return planes

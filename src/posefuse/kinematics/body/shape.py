@@ -21,7 +21,7 @@ from posefuse.kinematics.settings import BodySettings
 
 from . import fit_kernels, tree_kernels
 from .filter import Measurement, guessed_state
-from .model import FEWEST_SEEN, BodyModel, Length, Packed, packed_from_body
+from .model import FEWEST_SEEN, BodyModel, Length, tree_from_body
 from .result import length_derivatives
 
 # the last word of the name of a node's offset -> the segment it is as long as; half of those that lie across the body
@@ -37,6 +37,8 @@ _CONVERGED_M = 2e-4
 _WEAK = 1e-4
 # standard deviations from the mean of people beyond which a length is a mistake
 _MOST_UNUSUAL = 4.0
+# a state of turns and places, or normal equations
+_Pair = tuple[Array, Array]
 
 
 def with_solved_lengths(
@@ -53,21 +55,19 @@ def with_solved_lengths(
     slopes = slopes_of(body, prior.names)
     metres = _metres(body, slopes)
     repeats = _repeats(seen, settings)
-    poses: dict[int, tuple[Array, Array]] = {}
+    poses: dict[int, _Pair] = {}
     known = np.linalg.inv(prior.cov_m2)
     information = known
     for round_ in range(_ROUNDS):
         measured, slope = np.zeros_like(known), np.zeros(len(metres))
-        packed = packed_from_body(body, settings)
+        tree = tree_from_body(body, settings)
         for i, one in enumerate(seen):
-            state = poses.get(i) or guessed_state(body, packed, workspace, one.xyz)
+            state = poses.get(i) or guessed_state(body, tree, workspace, one.xyz)
             if state is None:
                 continue
             poses[i] = state
             steps = _ITERATIONS if round_ else _FIRST_ITERATIONS
-            _add_time_step(
-                body, packed, slopes, one, settings=settings, state=state, steps=steps, information=measured, slope=slope
-            )
+            _add_time_step(tree, slopes, one, settings, state, steps=steps, sums=(measured, slope))
         information = known + measured / repeats
         step = np.linalg.solve(information, known @ (prior.mean_m - metres) + slope / repeats)
         step *= min(1.0, _MOST_STEP_M / max(float(np.abs(step).max()), 1e-12))
@@ -138,32 +138,21 @@ def _repeats(seen: Sequence[Measurement], settings: BodySettings) -> float:
 
 
 def _add_time_step(
-    body: BodyModel,
-    p: Packed,
-    slopes: Array,
-    one: Measurement,
-    *,
-    settings: BodySettings,
-    state: tuple[Array, Array],
-    steps: int,
-    information: Array,
-    slope: Array,
+    tree: tree_kernels.Tree, slopes: Array, one: Measurement, settings: BodySettings, state: _Pair, *, steps: int, sums: _Pair
 ) -> None:
-    """Solve the pose of one time step, in place, and add what is left for the lengths to their normal equations."""
+    """Solve the pose of one time step, in place, and add what is left for the lengths to `sums`, their normal equations."""
     q, rot = state
-    slack = p.slack_var > 0
-    weak = np.diag(np.where(slack, 1 / np.where(slack, p.slack_var, 1.0), _WEAK))
-    expected = np.where([node.slack for node in body.nodes], 0.0, q)
-    points, jacobians = np.empty((len(p.tree.node), 3)), np.empty((len(p.tree.node), 3, p.size))
-    rays = fit_kernels.SeenKeypoints(one.xyz, np.zeros((len(p.tree.node), 3, 3)), one.projections, one.xy, one.inverse_var)
+    expected = np.where(tree.slack_var[tree.dof[:-1]] > 0, 0.0, q)
+    points, jacobians = np.empty((len(tree.node), 3)), np.empty((len(tree.node), 3, tree.size))
+    rays = fit_kernels.SeenKeypoints(one.xyz, np.zeros((len(tree.node), 3, 3)), one.projections, one.xy, one.inverse_var)
     hessian, _ = fit_kernels.gauss_newton(
-        p.tree, (expected, rot.copy()), weak, p.preferred_sd, rays, settings.robust_dof, 1.0, steps, q, rot
+        tree, (expected, rot.copy()), tree.held(_WEAK), 1.0, rays, settings.robust_dof, 1.0, steps, q, rot
     )  # fmt: skip
     frame, origin = np.empty_like(rot), np.empty((len(rot), 3))
-    tree_kernels.keypoints(p.tree, q, rot, frame, origin, points, jacobians)
+    tree_kernels.keypoints(tree, q, rot, frame, origin, points, jacobians)
     fit_kernels.length_information(
-        points, jacobians, length_derivatives(p, slopes, frame), one.projections, one.xy, one.inverse_var, settings.robust_dof,
-        hessian, information, slope,
+        points, jacobians, length_derivatives(tree, slopes, frame), one.projections, one.xy, one.inverse_var, settings.robust_dof,
+        hessian, *sums,
     )  # fmt: skip
 
 

@@ -74,7 +74,10 @@ SLIDE, HINGE, BALL = 0, 1, 2
 
 
 class Tree(NamedTuple):
-    """A body as the kernels want it: nodes (n, ...) with the place `dof` (n + 1,) of their freedom, and keypoints (A, ...)."""
+    """A body as the kernels want it: nodes (n, ...) with the place `dof` (n + 1,) of their freedom, and keypoints (A, ...).
+
+    slack_var, accel: (D,) constants of motion.
+    """
 
     parent: Array
     kind: Array
@@ -85,6 +88,19 @@ class Tree(NamedTuple):
     mirrored: Array
     node: Array
     local: Array
+    preferred_sd: Array
+    slack_var: Array
+    accel: Array
+
+    @property
+    def size(self) -> int:
+        """D."""
+        return int(self.dof[-1])
+
+    def held(self, information: float) -> Array:
+        """(D, D) information that holds what gives way near zero by its own spread, and all else by this."""
+        slack = self.slack_var > 0
+        return np.diag(np.where(slack, 1 / np.where(slack, self.slack_var, 1.0), information))
 
 
 @kernel()
@@ -130,14 +146,15 @@ def log3(r):
 
 
 @kernel()
-def forward_kinematics(parent, kind, axis, offset, q, rot, frame, origin):
+def forward_kinematics(tree, q, rot, frame, origin):
     """World rotation and origin of every node."""
+    parent, kind, axis = tree.parent, tree.kind, tree.axis
     step = np.empty(3)
     turn = np.empty((3, 3))
     for n in range(parent.shape[0]):
         p = parent[n]
         for i in range(3):
-            step[i] = offset[n, i]
+            step[i] = tree.offset[n, i]
         if kind[n] == SLIDE:
             step[axis[n]] += q[n]
         if kind[n] == BALL:
@@ -177,25 +194,24 @@ def place(frame, origin, node, local):
 def put_points(tree, q, rot, out):
     """Fill the places (A, 3) of the tree's keypoints."""
     frame, origin = np.empty(rot.shape), np.empty((len(q), 3))
-    forward_kinematics(tree.parent, tree.kind, tree.axis, tree.offset, q, rot, frame, origin)
+    forward_kinematics(tree, q, rot, frame, origin)
     for p in range(len(out)):
         out[p] = place(frame, origin, tree.node[p], tree.local[p])
 
 
 @kernel()
-def derivative(parent, kind, axis, dof, frame, node, x, origin, columns, values):
+def derivative(tree, frame, node, x, origin, columns, values):
     """Columns of d(point)/d(state) that are not zero: their places and values (n, 3); returns how many.
 
     The rotation axis of a hinge and the direction of a slide are the same in the node's own frame as in its parent's.
     """
-    count = 0
-    n = node
+    kind, count, n = tree.kind, 0, node
     while n >= 0:
         rx, ry, rz = x[0] - origin[n, 0], x[1] - origin[n, 1], x[2] - origin[n, 2]
         for k in range(3 if kind[n] == BALL else 1):
-            a = k if kind[n] == BALL else axis[n]
+            a = k if kind[n] == BALL else tree.axis[n]
             ax, ay, az = frame[n, 0, a], frame[n, 1, a], frame[n, 2, a]
-            columns[count] = dof[n] + k
+            columns[count] = tree.dof[n] + k
             if kind[n] == SLIDE:
                 values[count, 0], values[count, 1], values[count, 2] = ax, ay, az
             else:
@@ -203,7 +219,7 @@ def derivative(parent, kind, axis, dof, frame, node, x, origin, columns, values)
                 values[count, 1] = az * rx - ax * rz
                 values[count, 2] = ax * ry - ay * rx
             count += 1
-        n = parent[n]
+        n = tree.parent[n]
     return count
 
 
@@ -220,21 +236,23 @@ def _turned(a, b, back):
 
 
 @kernel()
-def retract(kind, dof, step, q, rot):
+def retract(tree, step, q, rot):
     """Move a state by local coordinates (D,), in place."""
-    for n in range(kind.shape[0]):
-        if kind[n] == BALL:
+    dof = tree.dof
+    for n in range(len(q)):
+        if tree.kind[n] == BALL:
             rot[n] = _turned(rot[n], exp3(step[dof[n] : dof[n] + 3]), False)
         else:
             q[n] += step[dof[n]]
 
 
 @kernel()
-def difference(kind, dof, q, rot, q_from, rot_from):
+def difference(tree, q, rot, q_from, rot_from):
     """Local coordinates (D,) that move the state `from` to the first."""
+    dof = tree.dof
     out = np.empty(dof[-1])
-    for n in range(kind.shape[0]):
-        if kind[n] == BALL:
+    for n in range(len(q)):
+        if tree.kind[n] == BALL:
             out[dof[n] : dof[n] + 3] = log3(_turned(rot_from[n], rot[n], True))
         else:
             out[dof[n]] = q[n] - q_from[n]
@@ -244,14 +262,12 @@ def difference(kind, dof, q, rot, q_from, rot_from):
 @kernel()
 def keypoints(tree, q, rot, frame, origin, points, jacobians):
     """Places (A, 3) of the tree's keypoints and their derivatives (A, 3, D); leaves frames and origins of the nodes."""
-    parent, kind, axis, offset, dof, _, _, node, local = tree
-    forward_kinematics(parent, kind, axis, offset, q, rot, frame, origin)
-    columns = np.empty(dof[-1], np.int64)
-    values = np.empty((dof[-1], 3))
+    forward_kinematics(tree, q, rot, frame, origin)
+    columns, values = np.empty(tree.dof[-1], np.int64), np.empty((tree.dof[-1], 3))
     jacobians[:] = 0.0
-    for p in range(node.shape[0]):
-        points[p] = place(frame, origin, node[p], local[p])
-        count = derivative(parent, kind, axis, dof, frame, node[p], points[p], origin, columns, values)
+    for p in range(len(points)):
+        points[p] = place(frame, origin, tree.node[p], tree.local[p])
+        count = derivative(tree, frame, tree.node[p], points[p], origin, columns, values)
         for a in range(count):
             for i in range(3):
                 jacobians[p, i, columns[a]] = values[a, i]

@@ -1,4 +1,4 @@
-"""Which views can be used at all: their time must be believable, new, and not one of a flood.
+"""What is known of each camera, and which of its views can be used at all: times must be believable, new, and not of a flood.
 
 Whether a ray is an outlier is judged by its residual, in `tracking.online.kernels.updates`.
 """
@@ -8,8 +8,12 @@ from __future__ import annotations
 from collections import Counter
 from dataclasses import dataclass, field
 
+import numpy as np
+
 from posefuse.core import Detections2D, Rig, ShapeError, Skeleton
 from posefuse.core.errors import choices
+
+from .kernels.step import ViewFigures
 
 # a view with a time stamp further in the future than this has a wrong clock
 _AHEAD_NS = 500_000_000
@@ -17,13 +21,71 @@ _AHEAD_NS = 500_000_000
 _APART_NS = 4_000_000
 
 
+# the figures of a camera are means over about its last 1 / 0.01 = 100 views, 3 s at 30 frames/s
+_HEALTH_MEMORY = 0.01
+
+
+@dataclass(frozen=True, kw_only=True)
+class CameraStatistics:
+    """Statistics of one camera's views. Shares and rms run over about the last hundred views.
+
+    Attributes:
+        used: views that found a tracked person. age_s: from its newest view to the newest time the tracker knows; NaN
+            before the first.
+        innovation_sigmas: rms of its keypoints' normalised innovations (1 for a healthy camera); NaN before the first.
+        gated_share: share of its keypoints that were too far off to be used.
+        flipped_share: share of its views with left and right exchanged somewhere.
+        unclaimed: views that showed no person who is tracked. late, ahead: views refused as older than the buffer, or from
+            the future (a wrong clock). repeated: views with a time already received. crowded: views beyond the allowed rate.
+    """
+
+    used: int = 0
+    age_s: float = float("nan")
+    innovation_sigmas: float = float("nan")
+    gated_share: float = 0.0
+    flipped_share: float = 0.0
+    unclaimed: int = 0
+    late: int = 0
+    ahead: int = 0
+    repeated: int = 0
+    crowded: int = 0
+
+
 @dataclass
-class _CameraTimes:
-    """One camera's times: the newest received, those used within the lag buffer, and how many were refused, by reason."""
+class CameraRecord:
+    """One camera: the newest time received, those used within the lag buffer, how many were refused by reason, and figures."""
 
     stated_ns: int | None = None
     used_ns: list[int] = field(default_factory=list)
     refused: Counter[str] = field(default_factory=Counter)
+    used: int = 0
+    unclaimed: int = 0
+    square: float = float("nan")
+    gated: float = 0.0
+    flipped: float = 0.0
+
+    def count(self, figures: ViewFigures) -> None:
+        """Apply what was found in a view of this camera."""
+        self.used += 1
+        if figures.measured == 0:
+            return
+        memory = max(_HEALTH_MEMORY, 1 / self.used)
+        square = figures.square / (2 * figures.measured)
+        self.square = square if np.isnan(self.square) else self.square + memory * (square - self.square)
+        self.gated += memory * (figures.gated / figures.measured - self.gated)
+        self.flipped += memory * (float(figures.exchanged > 0) - self.flipped)
+
+    def statistics(self, now_ns: int | None) -> CameraStatistics:
+        """At the newest time of all cameras; None: no view was used so far."""
+        return CameraStatistics(
+            used=self.used,
+            age_s=float("nan") if now_ns is None or not self.used_ns else (now_ns - max(self.used_ns)) * 1e-9,
+            innovation_sigmas=float(np.sqrt(self.square)),
+            gated_share=self.gated,
+            flipped_share=self.flipped,
+            unclaimed=self.unclaimed,
+            **self.refused,
+        )
 
 
 class Admission:
@@ -35,7 +97,7 @@ class Admission:
 
     def __init__(self, rig: Rig, skeleton: Skeleton, lag_s: float) -> None:
         self._skeleton, self._lag_ns = skeleton, round(lag_s * 1e9)
-        self.times = {name: _CameraTimes() for name in rig.names}
+        self.cameras = {name: CameraRecord() for name in rig.names}
         self.newest_ns: int | None = None
         self.restarts = 0
         self._asked_ns: int | None = None
@@ -50,46 +112,46 @@ class Admission:
         Raises:
             ShapeError: a camera that is not the rig's, or another skeleton.
         """
-        times = self.times.get(detections.camera)
-        if times is None:
-            raise ShapeError(f"tracker: no camera {detections.camera!r} in the rig; there are: {choices(self.times)}")
+        camera = self.cameras.get(detections.camera)
+        if camera is None:
+            raise ShapeError(f"tracker: no camera {detections.camera!r} in the rig; there are: {choices(self.cameras)}")
         if detections.skeleton != self._skeleton:
             raise ShapeError(
                 f"tracker: camera {detections.camera}: expected skeleton {self._skeleton.name}, got {detections.skeleton.name}"
             )
         t_ns = detections.t_ns
-        times.stated_ns = t_ns
-        if not self._believable(t_ns, times):
+        camera.stated_ns = t_ns
+        if not self._believable(t_ns, camera):
             return False
-        if t_ns in times.used_ns:
-            times.refused["repeated"] += 1
+        if t_ns in camera.used_ns:
+            camera.refused["repeated"] += 1
             return False
-        if any(abs(t_ns - used) < _APART_NS for used in times.used_ns):
-            times.refused["crowded"] += 1
+        if any(abs(t_ns - used) < _APART_NS for used in camera.used_ns):
+            camera.refused["crowded"] += 1
             return False
         self.newest_ns = t_ns if self.newest_ns is None else max(t_ns, self.newest_ns)
-        times.used_ns = [used for used in times.used_ns if used >= self.newest_ns - self._lag_ns] + [t_ns]
+        camera.used_ns = [used for used in camera.used_ns if used >= self.newest_ns - self._lag_ns] + [t_ns]
         return True
 
-    def _believable(self, t_ns: int, times: _CameraTimes) -> bool:
+    def _believable(self, t_ns: int, camera: CameraRecord) -> bool:
         if self.newest_ns is None:
             return True
         if t_ns < self.newest_ns - self._lag_ns:
             if self._asked_ns is None and t_ns < self.newest_ns - self._lag_ns - _AHEAD_NS and self._agreed(t_ns):
                 self.newest_ns = t_ns
                 self.restarts += 1
-                for other in self.times.values():
+                for other in self.cameras.values():
                     other.used_ns.clear()
                 return True
-            times.refused["late"] += 1
+            camera.refused["late"] += 1
             return False
         known_ns = self.newest_ns if self._asked_ns is None else max(self.newest_ns, self._asked_ns)
         if t_ns > known_ns + _AHEAD_NS and not self._agreed(t_ns):
-            times.refused["ahead"] += 1
+            camera.refused["ahead"] += 1
             return False
         return True
 
     def _agreed(self, t_ns: int) -> bool:
-        stated = [times.stated_ns for times in self.times.values() if times.stated_ns is not None]
+        stated = [one.stated_ns for one in self.cameras.values() if one.stated_ns is not None]
         near = sum(abs(t_ns - other) <= _AHEAD_NS for other in stated)
         return 2 * near >= len(stated) and near >= min(2, len(stated))

@@ -6,18 +6,20 @@ hand that a network invents behind a screen, the right ones lie beyond its gate.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
 
-from posefuse.core import Detections2D, Views
+from posefuse.core import Detections2D, Pose3D, Views
 from posefuse.core.arrays import Array, median_apart
 from posefuse.core.values import UNSEEN
 
-from .contract import Fuse
 from .kernels.state import GROUPS
 from .person import Model, Person
 
+# the views of one moment that are known to show the same people -> these people, in the same order
+Fuse = Callable[[Views], Pose3D]
 # chosen, not fitted: cameras from 7 frames/s on always take part; views are moved by what the tracker knows of the motion since,
 # and errors of that grow with time
 _NEWEST_NS = 150_000_000
@@ -48,9 +50,9 @@ class CrossCheck:
     def __init__(self, model: Model, fuse: Fuse) -> None:
         self._rig, self._skeleton, self._fuse, self._mirror = model.rig, model.skeleton, fuse, model.skeleton.mirror
         # (GROUPS, K) of which limbs each keypoint is
-        self._limbs = model.group == np.arange(GROUPS)[:, None]
+        self._limbs = model.arrays.group == np.arange(GROUPS)[:, None]
         self._focal_px = np.array([camera.K[0, 0] for camera in self._rig])
-        self._centres = np.stack([camera.centre_world for camera in self._rig])
+        self._centres = self._rig.centres_world()
         self._newest: dict[str, Detections2D] = {}
         self._wrong: dict[str, Array] = {}
         # (K,) in how many checks running keypoints were found elsewhere

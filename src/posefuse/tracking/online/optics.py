@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from posefuse.core import Camera, Detections2D
@@ -12,6 +10,7 @@ from posefuse.core.depth import keypoint_depth
 from posefuse.tracking.settings import LiveMotion
 
 from .kernels.rays import measure
+from .kernels.state import KeypointRays
 
 # of the table of ideal points: between its knots a lens bends by less than a few hundredths of a pixel
 _SPACING_PX = 6.0
@@ -21,47 +20,30 @@ _MARGIN = 0.3
 _LEAST_SIGMA_PX = 0.3
 
 
-@dataclass(frozen=True, eq=False)
-class Rays:
-    """What one camera saw of P people, ready to be worked in.
-
-    Attributes:
-        z: (P, K, 2) ideal image points; NaN where there is none. white: (P, K, 2, 2) turns their errors into sigmas.
-        late_s: (P, K) how long after mid-exposure the row was exposed (rolling shutter).
-        sigma_px: (P, K).
-        depth_m: (P, K, 2) depth of the keypoints and its standard deviation, NaN where unknown; None where nothing is known.
-    """
-
-    z: Array
-    white: Array
-    late_s: Array
-    sigma_px: Array
-    depth_m: Array | None = None
-
-    def __len__(self) -> int:
-        return len(self.z)
-
-
 class Optics:
-    """One camera, with its lens as a table."""
+    """One camera, number c of the rig, with its lens as a table."""
 
-    def __init__(self, camera: Camera, motion: LiveMotion) -> None:
+    def __init__(self, camera: Camera, c: int, motion: LiveMotion) -> None:
         width, height = camera.size_wh
         self._corner = np.array([-_MARGIN * width, -_MARGIN * height])
         columns, rows = (int(np.ceil(size * (1 + 2 * _MARGIN) / _SPACING_PX)) + 2 for size in (width, height))
         at = np.stack(np.meshgrid(np.arange(columns), np.arange(rows)), axis=-1) * _SPACING_PX + self._corner
         self._table = np.ascontiguousarray(camera.norm_from_px(at))
         self._readout_s, self._rows = camera.readout_s, max(height - 1, 1)
-        self._motion = motion
+        self._c, self._motion = c, motion
 
-    def rays(self, detections: Detections2D) -> Rays:
-        """Every keypoint that can be used: scored, finite, where the lens can be inverted."""
+    def rays(self, detections: Detections2D) -> tuple[KeypointRays, Array | None]:
+        """Every keypoint (P, K, ...) that can be used: scored, finite, where the lens can be inverted.
+
+        Returns:
+            The rays, and (P, K, 2) depth of the keypoints and its standard deviation, NaN where unknown; None where nothing is.
+        """
         xy = detections.xy_img.astype(np.float64)
         sigma = self._sigma_px(xy, detections.score, detections.sigma_px.astype(np.float64))
         z, white = np.empty(xy.shape), np.empty((*xy.shape, 2))
         measure(self._table, self._corner, _SPACING_PX, xy, sigma, z, white)
         late = self._readout_s * (np.clip(xy[..., 1] / self._rows, 0, 1) - 0.5) if self._readout_s else np.zeros(sigma.shape)
-        return Rays(z, white, late, sigma, _depth(detections, z))
+        return KeypointRays(self._c, z, white, late, sigma), _depth(detections, z)
 
     def _sigma_px(self, xy: Array, score: Array, sigma: Array) -> Array:
         """NaN where unusable; where the network states none, from the body's extent and the score."""

@@ -10,7 +10,6 @@ It learns from states that no late view can change any more, so the order in whi
 
 from __future__ import annotations
 
-import math
 from collections import deque
 
 import numpy as np
@@ -19,26 +18,15 @@ from posefuse.core import Skeleton
 from posefuse.core.arrays import Array
 from posefuse.core.skeleton import SIDES
 
-from .kernels.own_motion import CorrectionLimits, Prediction, Regression, WatchedKeypoints, anticipate, correct, learn
+from .kernels import own_motion as kernels
 from .kernels.state import SessionArrays
 
-# somewhat longer than a pose is predicted in a live session: over shorter times more of what is missed is noise
-HORIZON_S = 0.1
-_HORIZON_NS = round(HORIZON_S * 1e9)
-_EVERY_NS = 25_000_000
-# who stops at once, or begins another movement, is corrected wrongly until the tests of the last moments show it
-_MEMORY_S, _TESTED_MEMORY_S = 30.0, 0.5
-_KEEP, _KEEP_TESTED = (math.exp(-_EVERY_NS * 1e-9 / memory_s) for memory_s in (_MEMORY_S, _TESTED_MEMORY_S))
+_HORIZON_NS, _EVERY_NS = round(kernels.HORIZON_S * 1e9), round(kernels.SAMPLE_EVERY_S * 1e9)
 # samples, 0.2 s; chosen, not fitted, to spare the solve, whose cost is cubic: less than a hundredth of the memory, so few of the
 # samples that the weights are made from are new
 _SOLVE_EVERY = 8
-# the weight of no correction at all, in samples; sum of squared corrections at which they count half, (m/s)^2
-_RIDGE, _TESTED = 0.3, 0.05
-# what is farther off is another thing taken for the keypoint, and no motion; no correction is larger
-_MOST_M = 0.2
-# views older than this do not count in the age of what is known; corrections do not grow beyond that of a pose so old
-_NEWEST_S, _OLDEST_S = 0.15, 0.15
-_LIMITS = CorrectionLimits(tested=_TESTED, oldest_s=_OLDEST_S, most_m=_MOST_M)
+# the weight of no correction at all, in samples
+_RIDGE = 0.3
 _JOINTS = ("shoulder", "elbow", "wrist", "knee", "ankle")
 _TRUNK = tuple(f"{side}_{joint}" for joint in ("hip", "shoulder") for side in SIDES)
 
@@ -51,14 +39,14 @@ class OwnMotion:
         self._session, self._skeleton = session, skeleton
         joints = np.array([places[f"{s}_{j}"] for s in SIDES for j in _JOINTS if f"{s}_{j}" in places], np.intp)
         trunk = np.array([places[name] for name in _TRUNK if name in places], np.intp)
-        self._watched = WatchedKeypoints(joints, trunk)
+        self._watched = kernels.WatchedKeypoints(joints, trunk)
         size, k = 4 + 6 * len(joints), len(skeleton)
-        self._regression = Regression(
+        self._regression = kernels.Regression(
             square=np.zeros((size, size)), cross=np.zeros((size, k, 3)), weights=np.zeros((size, k, 3)), tested=np.zeros((k, 2))
         )
         self._samples = 0
         # by the time of the state they were made from
-        self._waiting: deque[tuple[int, Prediction]] = deque()
+        self._waiting: deque[tuple[int, kernels.Prediction]] = deque()
 
     def waits_until_ns(self) -> int | None:
         """Time at which the next prediction can be judged."""
@@ -68,10 +56,10 @@ class OwnMotion:
         """The first prediction that waits by where the keypoints (K, 3) were at its time."""
         _, made = self._waiting.popleft()
         off_m = seen - made.places
-        good = np.linalg.norm(off_m, axis=-1) < _MOST_M
-        age_s = (made.ages + HORIZON_S)[:, None]
+        good = np.linalg.norm(off_m, axis=-1) < kernels.MOST_M
+        age_s = (made.ages + kernels.HORIZON_S)[:, None]
         missed = np.where(good[:, None], off_m @ made.frame.T / age_s, 0.0)
-        learn(made.features, missed, good, _KEEP, _KEEP_TESTED, self._regression)
+        kernels.learn(made.features, missed, good, self._regression)
         self._samples += 1
         if self._samples % _SOLVE_EVERY == 0:
             square, cross, weights, _ = self._regression
@@ -96,12 +84,12 @@ class OwnMotion:
             return
         made = self._predicted(state)
         if made is not None:
-            correct(made, self._regression, since_s, _LIMITS, xyz)
+            kernels.correct(made, self._regression, since_s, xyz)
 
-    def _predicted(self, state: Array) -> Prediction | None:
+    def _predicted(self, state: Array) -> kernels.Prediction | None:
         if len(self._watched.trunk) < len(_TRUNK):
             return None
         k = len(self._skeleton)
-        made = Prediction(np.empty((3, 3)), np.empty(len(self._regression.square)), np.empty((k, 3)), np.empty(k))
-        known = anticipate(state, self._session, HORIZON_S, _NEWEST_S, self._watched, made)
+        made = kernels.Prediction(np.empty((3, 3)), np.empty(len(self._regression.square)), np.empty((k, 3)), np.empty(k))
+        known = kernels.anticipate(state, self._session, self._watched, made)
         return made if known else None

@@ -8,7 +8,7 @@ from functools import cached_property
 
 import numpy as np
 
-from posefuse.core import Kind, Pose3D, Rig, Skeleton
+from posefuse.core import Kind, Rig, Skeleton
 from posefuse.core.arrays import Array
 from posefuse.tracking.settings import MOTION, LiveMotion, LiveSettings
 
@@ -39,207 +39,54 @@ class Model:
     motion: LiveMotion = MOTION
 
     @cached_property
-    def cameras(self) -> Array:
-        """(C, 15): rotation, translation, centre."""
-        return np.stack(
-            [np.concatenate([c.cam_from_world.matrix().ravel(), c.cam_from_world.xyz, c.centre_world]) for c in self.rig]
-        )
-
-    @cached_property
-    def models(self) -> Array:
-        """(2, M, 2): acceleration, and how long it lasts; of keypoints, and of the body."""
-        banks = (self.motion.keypoints, self.motion.body)
-        return np.array([[[one.acceleration_m_s2, one.persistence_s] for one in bank] for bank in banks])
-
-    @cached_property
-    def group(self) -> Array:
-        """(K,) what is exchanged together: arms 0, legs 1, head 2; -1 on the midline."""
-        groups = np.full(len(self.skeleton), 2, np.int64)
-        for number, sides in enumerate(self.skeleton.limbs):
-            groups[np.concatenate(sides)] = number
-        groups[self.skeleton.mirror == np.arange(len(self.skeleton))] = -1
-        return groups
-
-    @cached_property
-    def neighbours(self) -> Array:
-        """(K, n) keypoints at the other ends of each one's bones, -1 for none."""
-        lists: list[list[int]] = [[] for _ in self.skeleton.keypoints]
-        for a, b in self.skeleton.bone_indices.tolist():
-            lists[a].append(b)
-            lists[b].append(a)
-        most = max(1, *(len(one) for one in lists))
-        return np.array([one + [-1] * (most - len(one)) for one in lists], np.int64)
-
-    @cached_property
     def arrays(self) -> SessionArrays:
         """As the kernels read them."""
         values = {**vars(self.motion), "lost_after_s": self.settings.lost_after_s}
-        rules = Rules(*(float(values[name]) for name in Rules._fields))
+        banks = (self.motion.keypoints, self.motion.body)
         return SessionArrays(
-            cameras=self.cameras, mirror=self.skeleton.mirror, group=self.group, neighbours=self.neighbours,
-            ends=self.skeleton.bone_indices, models=self.models, rules=rules,
-        )  # fmt: skip
+            cameras=np.stack(
+                [np.concatenate([c.cam_from_world.matrix().ravel(), c.cam_from_world.xyz, c.centre_world]) for c in self.rig]
+            ),
+            mirror=self.skeleton.mirror,
+            group=_groups(self.skeleton),
+            neighbours=_neighbours(self.skeleton),
+            ends=self.skeleton.bone_indices,
+            models=np.array([[[one.acceleration_m_s2, one.persistence_s] for one in bank] for bank in banks]),
+            rules=Rules(*(float(values[name]) for name in Rules._fields)),
+        )
 
 
-@dataclass(frozen=True, eq=False, kw_only=True)
-class View:
-    """One camera's keypoints of this person: rays and depth_m (K, ...) as in `optics.Rays`."""
+def _groups(skeleton: Skeleton) -> Array:
+    """(K,) what is exchanged together: arms 0, legs 1, head 2; -1 on the midline."""
+    groups = np.full(len(skeleton), 2, np.int64)
+    for number, sides in enumerate(skeleton.limbs):
+        groups[np.concatenate(sides)] = number
+    groups[skeleton.mirror == np.arange(len(skeleton))] = -1
+    return groups
 
-    t_ns: int
-    rays: KeypointRays
-    depth_m: Array | None = None
+
+def _neighbours(skeleton: Skeleton) -> Array:
+    """(K, n) keypoints at the other ends of each one's bones, -1 for none."""
+    lists: list[list[int]] = [[] for _ in skeleton.keypoints]
+    for a, b in skeleton.bone_indices.tolist():
+        lists[a].append(b)
+        lists[b].append(a)
+    most = max(1, *(len(one) for one in lists))
+    return np.array([one + [-1] * (most - len(one)) for one in lists], np.int64)
 
 
-@dataclass(eq=False)
+@dataclass(eq=False, kw_only=True)
 class _Moment:
-    """What was known just after a view; the first has none: it is where memory begins."""
+    """A view, rays and depth_m (K, 2) as of `Optics.rays`, and what was known just after it.
+
+    The first has no view: it is where memory begins.
+    """
 
     t_ns: int
     camera: int
-    view: View | None
     state: Array
-
-
-class Person:
-    """A person from the first view on. For a late view, the state before it is restored and later views are applied again."""
-
-    def __init__(self, model: Model, person_id: int, t_ns: int, xyz: Array, cov: Array) -> None:
-        self.id = person_id
-        self.speed_m_s = 0.0
-        self._model, self._birth_ns = model, t_ns
-        # by camera; those of the birth are not distinguished
-        self._measured_by_ns = {-2: t_ns, -1: t_ns}
-        state = np.empty(state_size(model.arrays))
-        born(state, model.arrays, xyz, cov, _BORN_M_S)
-        self._moments = [_Moment(t_ns, -1, None, state)]
-        self._own_motion = OwnMotion(model.skeleton, model.arrays)
-
-    def add(self, view: View) -> ViewFigures | None:
-        """Work a view in at its own time; its figures, or None when it is older than memory."""
-        if view.t_ns < self._moments[0].t_ns:
-            return None
-        camera = view.rays.camera
-        place = bisect_right(self._moments, (view.t_ns, camera), key=lambda m: (m.t_ns, m.camera))
-        self._moments.insert(place, _Moment(view.t_ns, camera, view, np.empty_like(self._moments[0].state)))
-        figures = newest = self._redone(place)
-        for later in range(place + 1, len(self._moments)):
-            newest = self._redone(later)
-        self.speed_m_s = newest.speed_m_s
-        if figures.measured > figures.gated:
-            self._measured_by_ns[camera] = max(view.t_ns, self._measured_by_ns.get(camera, view.t_ns))
-        if figures.depths > 0:
-            # depth gives the distance of the person, as a second camera does
-            self._measured_by_ns[_DEPTH_OF + camera] = self._measured_by_ns.get(camera, view.t_ns)
-        return figures
-
-    def forget(self, before_ns: int) -> None:
-        """Views older than this will not come any more."""
-        keep = 0
-        while keep + 1 < len(self._moments) and self._moments[keep + 1].t_ns <= before_ns:
-            keep += 1
-            self._learn(self._moments[keep])
-        del self._moments[:keep]
-
-    def _learn(self, settled: _Moment) -> None:
-        """From a moment that nothing changes any more; those up to it are kept."""
-        while (due_ns := self._own_motion.waits_until_ns()) is not None and due_ns <= settled.t_ns:
-            self._own_motion.judge(self.expected(due_ns)[0])
-        self._own_motion.settle(settled.state, settled.t_ns)
-
-    def begin_again(self, xyz: Array) -> None:
-        """Put keypoints at world places (K, 3) in every kept state, as late views start from older ones; NaN: unchanged."""
-        for moment in self._moments:
-            begin_again(moment.state, self._model.arrays, xyz)
-        if np.isfinite(xyz).any():
-            self._own_motion.begin_again()
-
-    def exchange(self, groups: Array) -> None:
-        """Exchange left and right of limbs (`GROUPS`,), see `Model.group`, in every kept state."""
-        for moment in self._moments:
-            exchange_groups(moment.state, self._model.arrays, groups)
-        if groups.any():
-            self._own_motion.begin_again()
-
-    @property
-    def measured_ns(self) -> int:
-        """When a view last measured the person."""
-        return max(self._measured_by_ns.values())
-
-    @property
-    def crossed_ns(self) -> int:
-        """Until when two cameras, or one with depth, measured the person; since then one alone, whose rays fit any depth."""
-        return sorted(self._measured_by_ns.values())[-2]
-
-    def newest(self, since_ns: int, until_ns: int) -> list[View]:
-        """The newest view of each camera between these times."""
-        views = (moment.view for moment in self._moments if since_ns <= moment.t_ns <= until_ns)
-        return list({view.rays.camera: view for view in views if view is not None}.values())
-
-    def rays_into(self, view: View, z: Array, inverse_var: Array, then_world: Array) -> None:
-        """Fill the rays of a view of this person, see `rays_of_person`."""
-        before = (self._before(view.t_ns).state, self._before(view.t_ns + _ROW_NS).state)
-        rays_of_person(
-            before, self._seconds(view.t_ns), _ROW_NS * 1e-9, view.rays, self._model.arrays, z, inverse_var, then_world
-        )  # fmt: skip
-
-    def expected(self, t_ns: int) -> tuple[Array, Array]:
-        """Positions (K, 3) and how sure (K,) at a time, from what came before it."""
-        model = self._model
-        k = len(model.skeleton)
-        means, sigmas = np.empty((k, 3)), np.empty(k)
-        where(self._before(t_ns).state, self._seconds(t_ns), model.arrays, means, sigmas)
-        return means, sigmas
-
-    def pose_into(self, t_ns: int, out: Pose3DArrays, row: int) -> bool:
-        """Fill row `row` with the pose at t_ns; whether any keypoint of the person is there."""
-        if t_ns < self._moments[0].t_ns:
-            return False
-        before = self._before(t_ns)
-        filled = out.row(row)
-        pose(before.state, self._seconds(t_ns), self._model.arrays, _KINDS, filled)
-        self._own_motion.correct(before.state, (t_ns - before.t_ns) * 1e-9, filled.xyz)
-        return bool(filled.kind.any())
-
-    def _redone(self, place: int) -> ViewFigures:
-        before, now = self._moments[place - 1], self._moments[place]
-        view = now.view
-        assert view is not None
-        figures: ViewFigures = step(
-            before.state, now.state, self._seconds(now.t_ns), view.rays, self._model.arrays, view.depth_m
-        )  # fmt: skip
-        return figures
-
-    def _before(self, t_ns: int) -> _Moment:
-        return self._moments[max(0, bisect_right(self._moments, t_ns, key=lambda m: m.t_ns) - 1)]
-
-    def _seconds(self, t_ns: int) -> float:
-        return (t_ns - self._birth_ns) * 1e-9
-
-
-class Pose3DArrays:
-    """Room for the pose of up to n people."""
-
-    def __init__(self, n: int, k: int) -> None:
-        self.xyz, self.cov, self.reproj = np.empty((n, k, 3)), np.empty((n, k, 3, 3)), np.empty((n, k))
-        self.n_views, self.kind = np.zeros((n, k), np.uint8), np.zeros((n, k), np.uint8)
-
-    def row(self, n: int) -> PoseRow:
-        """Of one person, to be filled."""
-        return PoseRow(self.xyz[n], self.cov[n], self.reproj[n], self.n_views[n], self.kind[n])
-
-    def pose(self, t_ns: int, skeleton: Skeleton, ids: list[int]) -> Pose3D:
-        """The first rows, one per id, as a value."""
-        n = len(ids)
-        return Pose3D(
-            t_ns=t_ns,
-            skeleton=skeleton,
-            person_id=np.array(ids, np.int64),
-            xyz_world=self.xyz[:n],
-            cov_world=self.cov[:n],
-            reproj_px=self.reproj[:n],
-            n_views=self.n_views[:n],
-            kind=self.kind[:n],
-        )
+    rays: KeypointRays | None = None
+    depth_m: Array | None = None
 
 
 # older views show where the person was
@@ -268,18 +115,121 @@ class Evidence:
     away_world: Array
 
 
-def evidence_of(person: Person, model: Model, checked_ns: int, away_world: Array, t_ns: int) -> Evidence:
-    """Of views not older than 150 ms at `t_ns`, which the order of arrival does not change."""
-    views = sorted(person.newest(t_ns - _NEWEST_NS, t_ns), key=lambda view: view.rays.camera)
-    k = len(model.skeleton)
-    z, inverse_var, then = np.empty((len(views), k, 2)), np.empty((len(views), k)), np.empty((len(views), k, 3))
-    for v, view in enumerate(views):
-        person.rays_into(view, z[v], inverse_var[v], then[v])
-    return Evidence(
-        camera=np.array([view.rays.camera for view in views], np.intp),
-        z=z,
-        inverse_var=inverse_var,
-        then_world=then,
-        checked_ns=checked_ns,
-        away_world=away_world,
-    )
+class Person:
+    """A person from the first view on. For a late view, the state before it is restored and later views are applied again."""
+
+    def __init__(self, model: Model, person_id: int, t_ns: int, xyz: Array, cov: Array) -> None:
+        self.id = person_id
+        self.speed_m_s = 0.0
+        self._model, self._birth_ns = model, t_ns
+        # by camera; those of the birth are not distinguished
+        self._measured_by_ns = {-2: t_ns, -1: t_ns}
+        state = np.empty(state_size(model.arrays))
+        born(state, model.arrays, xyz, cov, _BORN_M_S)
+        self._moments = [_Moment(t_ns=t_ns, camera=-1, state=state)]
+        self._own_motion = OwnMotion(model.skeleton, model.arrays)
+
+    def add(self, t_ns: int, rays: KeypointRays, depth_m: Array | None = None) -> ViewFigures | None:
+        """Work a view in at its own time, see `Optics.rays`; its figures, or None when it is older than memory."""
+        if t_ns < self._moments[0].t_ns:
+            return None
+        camera, state = rays.camera, np.empty_like(self._moments[0].state)
+        place = bisect_right(self._moments, (t_ns, camera), key=lambda m: (m.t_ns, m.camera))
+        self._moments.insert(place, _Moment(t_ns=t_ns, camera=camera, state=state, rays=rays, depth_m=depth_m))
+        figures = newest = self._redone(place)
+        for later in range(place + 1, len(self._moments)):
+            newest = self._redone(later)
+        self.speed_m_s = newest.speed_m_s
+        if figures.measured > figures.gated:
+            self._measured_by_ns[camera] = max(t_ns, self._measured_by_ns.get(camera, t_ns))
+        if figures.depths > 0:
+            # depth gives the distance of the person, as a second camera does
+            self._measured_by_ns[_DEPTH_OF + camera] = self._measured_by_ns.get(camera, t_ns)
+        return figures
+
+    def forget(self, before_ns: int) -> None:
+        """Views older than this will not come any more."""
+        keep = 0
+        while keep + 1 < len(self._moments) and self._moments[keep + 1].t_ns <= before_ns:
+            keep += 1
+            self._learn(self._moments[keep])
+        del self._moments[:keep]
+
+    def _learn(self, settled: _Moment) -> None:
+        """From a moment that nothing changes any more; those up to it are kept."""
+        while (due_ns := self._own_motion.waits_until_ns()) is not None and due_ns <= settled.t_ns:
+            self._own_motion.judge(self.expected(due_ns)[0])
+        self._own_motion.settle(settled.state, settled.t_ns)
+
+    def begin_again(self, xyz: Array) -> None:
+        """Put keypoints at world places (K, 3) in every kept state, as late views start from older ones; NaN: unchanged."""
+        for moment in self._moments:
+            begin_again(moment.state, self._model.arrays, xyz)
+        if np.isfinite(xyz).any():
+            self._own_motion.begin_again()
+
+    def exchange(self, groups: Array) -> None:
+        """Exchange left and right of limbs (`GROUPS`,), see `SessionArrays`, in every kept state."""
+        for moment in self._moments:
+            exchange_groups(moment.state, self._model.arrays, groups)
+        if groups.any():
+            self._own_motion.begin_again()
+
+    @property
+    def measured_ns(self) -> int:
+        """When a view last measured the person."""
+        return max(self._measured_by_ns.values())
+
+    @property
+    def crossed_ns(self) -> int:
+        """Until when two cameras, or one with depth, measured the person; since then one alone, whose rays fit any depth."""
+        return sorted(self._measured_by_ns.values())[-2]
+
+    def evidence(self, t_ns: int, checked_ns: int, away_world: Array) -> Evidence:
+        """Of views not older than 150 ms at `t_ns`, which the order of arrival does not change, with the newest cross-check."""
+        newest = {one.camera: one for one in self._moments if t_ns - _NEWEST_NS <= one.t_ns <= t_ns and one.rays is not None}
+        views, k = [newest[camera] for camera in sorted(newest)], len(self._model.skeleton)
+        z, inverse_var, then = np.empty((len(views), k, 2)), np.empty((len(views), k)), np.empty((len(views), k, 3))
+        for v, view in enumerate(views):
+            before = (self._before(view.t_ns).state, self._before(view.t_ns + _ROW_NS).state)
+            rays_of_person(
+                before, self._seconds(view.t_ns), _ROW_NS * 1e-9, view.rays, self._model.arrays, z[v], inverse_var[v], then[v]
+            )
+        return Evidence(
+            camera=np.array([view.camera for view in views], np.intp),
+            z=z,
+            inverse_var=inverse_var,
+            then_world=then,
+            checked_ns=checked_ns,
+            away_world=away_world,
+        )
+
+    def expected(self, t_ns: int) -> tuple[Array, Array]:
+        """Positions (K, 3) and how sure (K,) at a time, from what came before it."""
+        model = self._model
+        k = len(model.skeleton)
+        means, sigmas = np.empty((k, 3)), np.empty(k)
+        where(self._before(t_ns).state, self._seconds(t_ns), model.arrays, means, sigmas)
+        return means, sigmas
+
+    def pose_into(self, t_ns: int, filled: PoseRow) -> bool:
+        """Fill in the pose at t_ns; whether any keypoint of the person is there."""
+        if t_ns < self._moments[0].t_ns:
+            return False
+        before = self._before(t_ns)
+        pose(before.state, self._seconds(t_ns), self._model.arrays, _KINDS, filled)
+        self._own_motion.correct(before.state, (t_ns - before.t_ns) * 1e-9, filled.xyz)
+        return bool(filled.kind.any())
+
+    def _redone(self, place: int) -> ViewFigures:
+        before, now = self._moments[place - 1], self._moments[place]
+        figures: ViewFigures = step(
+            before.state, now.state, self._seconds(now.t_ns), now.rays, self._model.arrays, now.depth_m
+        )  # fmt: skip
+        return figures
+
+    def _before(self, t_ns: int) -> _Moment:
+        return self._moments[max(0, bisect_right(self._moments, t_ns, key=lambda m: m.t_ns) - 1)]
+
+    def _seconds(self, t_ns: int) -> float:
+        return (t_ns - self._birth_ns) * 1e-9

@@ -13,6 +13,17 @@ from posefuse.foundation.compiled import kernel
 from .pose import places
 from .state import all_models, parts
 
+# somewhat longer than a pose is predicted in a live session: over shorter times more of what is missed is noise
+HORIZON_S, SAMPLE_EVERY_S = 0.1, 0.025
+# who stops at once, or begins another movement, is corrected wrongly until the tests of the last moments show it
+_MEMORY_S, _TESTED_MEMORY_S = 30.0, 0.5
+_KEEP, _KEEP_TESTED = math.exp(-SAMPLE_EVERY_S / _MEMORY_S), math.exp(-SAMPLE_EVERY_S / _TESTED_MEMORY_S)
+# sum of squared corrections at which they count half, (m/s)^2
+_TESTED = 0.05
+# what is farther off is another thing taken for the keypoint, and no motion; no correction is larger
+MOST_M = 0.2
+# views older than this do not count in the age of what is known; corrections do not grow beyond that of a pose so old
+_NEWEST_S, _OLDEST_S = 0.15, 0.15
 # usual sizes of what is regressed on, m and m/s
 _SCALE_M, _SCALE_M_S = 0.3, 1.5
 _LEAST_M = 0.05
@@ -52,13 +63,8 @@ class Regression(NamedTuple):
 
 
 @kernel()
-def anticipate(state, session, horizon_s, newest_s, watched, made):
-    """Predict a person by `horizon_s` from the time of a state; False where the trunk is not known.
-
-    Args:
-        newest_s: views older than this do not count in the age of what is known of a keypoint.
-        made: filled.
-    """
+def anticipate(state, session, watched, made):
+    """Predict a person by `HORIZON_S` from the time of a state into `made`; False where the trunk is not known."""
     joints, trunk = watched
     frame, features, expected, ages = made
     person = parts(state, session)
@@ -66,7 +72,7 @@ def anticipate(state, session, horizon_s, newest_s, watched, made):
     k, count = seen.shape
     now = np.empty((k, 3))
     places(person, all_models(0.0, session.models)[0], now)
-    places(person, all_models(horizon_s, session.models)[0], expected)
+    places(person, all_models(HORIZON_S, session.models)[0], expected)
     if not _trunk_axes(now, trunk, frame):
         return False
     middle, moved = np.empty(3), np.empty(3)
@@ -74,7 +80,7 @@ def anticipate(state, session, horizon_s, newest_s, watched, made):
         middle[a] = 0.5 * (now[trunk[0], a] + now[trunk[1], a])
         moved[a] = 0.5 * (expected[trunk[0], a] + expected[trunk[1], a]) - middle[a]
     features[0] = 1.0
-    _turned(frame, moved, 1.0 / (horizon_s * _SCALE_M_S), features[1:4])
+    _turned(frame, moved, 1.0 / (HORIZON_S * _SCALE_M_S), features[1:4])
     away, faster = np.empty(3), np.empty(3)
     for n in range(len(joints)):
         i = joints[n]
@@ -82,7 +88,7 @@ def anticipate(state, session, horizon_s, newest_s, watched, made):
             away[a] = now[i, a] - middle[a]
             faster[a] = expected[i, a] - now[i, a] - moved[a]
         _turned(frame, away, 1.0 / _SCALE_M, features[4 + 6 * n : 7 + 6 * n])
-        _turned(frame, faster, 1.0 / (horizon_s * _SCALE_M_S), features[7 + 6 * n : 10 + 6 * n])
+        _turned(frame, faster, 1.0 / (HORIZON_S * _SCALE_M_S), features[7 + 6 * n : 10 + 6 * n])
     for d in range(len(features)):
         # what is not known of the body counts as usual
         if not math.isfinite(features[d]):
@@ -90,10 +96,10 @@ def anticipate(state, session, horizon_s, newest_s, watched, made):
     for i in range(k):
         total, views = 0.0, 0
         for c in range(count):
-            if time - seen[i, c] <= newest_s:
+            if time - seen[i, c] <= _NEWEST_S:
                 total += time - seen[i, c]
                 views += 1
-        ages[i] = total / views if views > 0 else newest_s
+        ages[i] = total / views if views > 0 else _NEWEST_S
     return True
 
 
@@ -126,33 +132,21 @@ def _turned(frame, vector, scale, out):
         out[i] = scale * (frame[i, 0] * vector[0] + frame[i, 1] * vector[1] + frame[i, 2] * vector[2])
 
 
-class CorrectionLimits(NamedTuple):
-    """Of what is added to a pose.
-
-    tested: sum of squared corrections at which they count half, (m/s)^2. oldest_s: corrections do not grow beyond that of a pose
-    so old. most_m: none is larger.
-    """
-
-    tested: float
-    oldest_s: float
-    most_m: float
-
-
 @kernel()
-def correct(made, regression, since_s, limits, xyz):
+def correct(made, regression, since_s, xyz):
     """Add to positions (K, 3), predicted since_s from a state, what predictions from this state are expected to miss."""
     tested = regression.tested
     speed = np.empty(xyz.shape)
     missing_per_second(made.features, regression.weights, speed)
     for i in range(len(xyz)):
         # by how much corrections have to be multiplied to be right on average, as far as they were tested
-        right = min(max(tested[i, 0] / (tested[i, 1] + limits.tested), 0.0), 1.0)
-        age_s = min(made.ages[i] + since_s, limits.oldest_s)
+        right = min(max(tested[i, 0] / (tested[i, 1] + _TESTED), 0.0), 1.0)
+        age_s = min(made.ages[i] + since_s, _OLDEST_S)
         for a in range(3):
             along = 0.0
             for d in range(3):
                 along += speed[i, d] * made.frame[d, a]
-            xyz[i, a] += min(max(age_s * right * along, -limits.most_m), limits.most_m)
+            xyz[i, a] += min(max(age_s * right * along, -MOST_M), MOST_M)
 
 
 @kernel()
@@ -166,17 +160,17 @@ def missing_per_second(features, weights, out):
 
 
 @kernel()
-def learn(features, missed, good, keep, keep_tested, regression):
+def learn(features, missed, good, regression):
     """One sample: features (D,) and what the prediction missed per second (K, 3), in the axes of the trunk.
 
-    Older samples count `keep` times less in the normal equations, and `keep_tested` times less in the tests. Keypoints that are
+    Older samples count `_KEEP` times less in the normal equations, and `_KEEP_TESTED` times less in the tests. Keypoints that are
     not `good` (K,) count as if the weights were right about them.
     """
     square, cross, weights, tested = regression
     d, k = len(features), len(missed)
     for i in range(d):
         for j in range(d):
-            square[i, j] = keep * square[i, j] + features[i] * features[j]
+            square[i, j] = _KEEP * square[i, j] + features[i] * features[j]
     expected = np.empty((k, 3))
     missing_per_second(features, weights, expected)
     for i in range(k):
@@ -185,9 +179,9 @@ def learn(features, missed, good, keep, keep_tested, regression):
             both += missed[i, a] * expected[i, a]
             own += expected[i, a] ** 2
         if good[i]:
-            tested[i, 0] = keep_tested * tested[i, 0] + both
-            tested[i, 1] = keep_tested * tested[i, 1] + own
+            tested[i, 0] = _KEEP_TESTED * tested[i, 0] + both
+            tested[i, 1] = _KEEP_TESTED * tested[i, 1] + own
         for a in range(3):
             seen = missed[i, a] if good[i] else expected[i, a]
             for j in range(d):
-                cross[j, i, a] = keep * cross[j, i, a] + features[j] * seen
+                cross[j, i, a] = _KEEP * cross[j, i, a] + features[j] * seen

@@ -9,7 +9,7 @@ import numpy as np
 
 from posefuse.core.arrays import Array
 from posefuse.foundation.compiled import kernel
-from posefuse.tracking.matrix_kernels import inverse3
+from posefuse.tracking.smooth_kernels import inverse3
 
 from .body import hold_bones
 from .state import GROUPS, all_models, combined, parts, position

@@ -12,28 +12,21 @@ from .state import GROUPS, parts
 
 
 @kernel()
-def ray(camera, point, h, slope):
-    """Ideal image point h (2,) of a world point and its derivative slope (2, 3); False behind the camera."""
+def ray(camera, point, white, z, rows, error):
+    """Error (2,) of an ideal point z from a world point and its slope rows (2, 3), in units of noise; False behind the camera."""
     X = camera[0] * point[0] + camera[1] * point[1] + camera[2] * point[2] + camera[9]
     Y = camera[3] * point[0] + camera[4] * point[1] + camera[5] * point[2] + camera[10]
     Z = camera[6] * point[0] + camera[7] * point[1] + camera[8] * point[2] + camera[11]
     if not Z > 0.05:
         return False
-    h[0], h[1] = X / Z, Y / Z
-    for a in range(3):
-        slope[0, a] = (camera[a] - h[0] * camera[6 + a]) / Z
-        slope[1, a] = (camera[3 + a] - h[1] * camera[6 + a]) / Z
-    return True
-
-
-@kernel()
-def whitened(white, slope, z, h, rows, error):
-    """rows (2, 3) = white slope, error (2,) = white (z - h)."""
-    dx, dy = z[0] - h[0], z[1] - h[1]
+    x, y = X / Z, Y / Z
     for i in range(2):
-        error[i] = white[i, 0] * dx + white[i, 1] * dy
-        for a in range(3):
-            rows[i, a] = white[i, 0] * slope[0, a] + white[i, 1] * slope[1, a]
+        error[i] = white[i, 0] * (z[0] - x) + white[i, 1] * (z[1] - y)
+    for a in range(3):
+        along_x, along_y = (camera[a] - x * camera[6 + a]) / Z, (camera[3 + a] - y * camera[6 + a]) / Z
+        for i in range(2):
+            rows[i, a] = white[i, 0] * along_x + white[i, 1] * along_y
+    return True
 
 
 @kernel()
@@ -147,7 +140,7 @@ def flipped_groups(view, means, spreads, session, out):
     """out (GROUPS,): which limbs fit clearly better with left and right exchanged."""
     z, white, camera = view.z, view.white, session.cameras[view.camera]
     gain = np.zeros(GROUPS)
-    h, slope, rows, error, point = np.empty(2), np.empty((2, 3)), np.empty((2, 3)), np.empty(2), np.empty(3)
+    rows, error, point = np.empty((2, 3)), np.empty(2), np.empty(3)
     for i in range(len(z)):
         g, o = session.group[i], session.mirror[i]
         if g < 0 or not (math.isfinite(z[i, 0]) and math.isfinite(z[o, 0]) and math.isfinite(means[i, 0])):
@@ -156,9 +149,8 @@ def flipped_groups(view, means, spreads, session, out):
             k = i if turn == 0 else o
             for a in range(3):
                 point[a] = means[i, a]
-            if not ray(camera, point, h, slope):
+            if not ray(camera, point, white[k], z[k], rows, error):
                 continue
-            whitened(white[k], slope, z[k], h, rows, error)
             s00, s01, s11 = expected(rows, spreads[i], 1.0)
             loss = min(squared(s00, s01, s11, error[0], error[1]), _FLIP_MOST)
             gain[g] += loss if turn == 0 else -loss

@@ -46,7 +46,7 @@ class SessionArrays(NamedTuple):
 
 
 class KeypointRays(NamedTuple):
-    """One person in one view.
+    """One person in one view; or several, with an axis P before K.
 
     camera: its number. z: (K, 2) ideal points, NaN where unseen. white: (K, 2, 2) turns their errors into sigmas.
     late_s: (K,) how long after mid-exposure a row was exposed. sigma_px: (K,) pixels per sigma.

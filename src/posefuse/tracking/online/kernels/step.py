@@ -10,7 +10,7 @@ import numpy as np
 from posefuse.foundation.compiled import kernel
 
 from .body import alone, centre_body, hold_depth, learn_bones, let_go_of_strays, start_missing
-from .rays import depth_row, exchange_person, expected, flipped_groups, ray, squared, whitened
+from .rays import depth_row, exchange_person, expected, flipped_groups, ray, squared
 from .state import GROUPS, all_models, combined, learn_liveliness, mix, parts, predict_model
 from .updates import doubt, move_body, update, update_depth
 
@@ -123,8 +123,8 @@ def _work_in(view, t, source, person, means, spreads, session, deep=None):
     for a in range(3):
         for j in range(m):
             body[a] += share[k, j] * x[k, j, 3 + a]
-    h, slope, rows, error = np.empty(2), np.empty((2, 3)), np.empty((2, 3)), np.empty(2)
-    point, before_m, away = np.empty(3), np.empty(3), np.empty((m, 2))
+    rows, error, away = np.empty((2, 3)), np.empty(2), np.empty((m, 2))
+    point, before_m = np.empty(3), np.empty(3)
     for i in range(k):
         o = source[i]
         if not (math.isfinite(z[o, 0]) and math.isfinite(means[i, 0])):
@@ -135,9 +135,8 @@ def _work_in(view, t, source, person, means, spreads, session, deep=None):
                 drift += share[i, j] * x[i, j, 3 + a]
             before_m[a] = means[i, a]
             point[a] = means[k, a] + means[i, a] + late[o] * drift
-        if not ray(camera, point, h, slope):
+        if not ray(camera, point, white[o], z[o], rows, error):
             continue
-        whitened(white[o], slope, z[o], h, rows, error)
         for j in range(m):
             for r in range(2):
                 away[j, r] = error[r]
@@ -161,8 +160,7 @@ def _work_in(view, t, source, person, means, spreads, session, deep=None):
             point[a] += means[i, a] - before_m[a]
         if deep is not None:
             person.deepness[i, c] = _depth_in(deep[o], i, person, camera, point, means[i], spreads[i], spreads[k], rules)
-        if ray(camera, point, h, slope):
-            whitened(white[o], slope, z[o], h, rows, error)
+        if ray(camera, point, white[o], z[o], rows, error):
             person.square[i, c] = (error[0] ** 2 + error[1] ** 2) * view.sigma_px[o] ** 2
         person.precision[i, c] = 0.5 * (white[o, 0, 0] ** 2 + white[o, 0, 1] ** 2 + white[o, 1, 0] ** 2 + white[o, 1, 1] ** 2)
     return measured, gated, square

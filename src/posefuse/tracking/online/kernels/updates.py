@@ -7,9 +7,9 @@ import math
 import numpy as np
 
 from posefuse.foundation.compiled import kernel
-from posefuse.tracking.matrix_kernels import inverse3
+from posefuse.tracking.smooth_kernels import inverse3
 
-from .rays import depth_row, expected, expected_depth, ray, squared, whitened
+from .rays import depth_row, expected, expected_depth, ray, squared
 from .state import combined, normalise, parts
 
 _DOUBT_M, _DOUBT_M_S = 0.1, 2.0  # as much is then added to what is uncertain about it
@@ -139,8 +139,7 @@ def move_body(view, source, person, means, spreads, session, deep=None):
     depths = 0
     k, m = len(z), x.shape[1]
     info, pull = np.zeros((3, 3)), np.zeros(3)
-    h, slope, rows, error, point = np.empty(2), np.empty((2, 3)), np.empty((2, 3)), np.empty(2), np.empty(3)
-    row = np.empty(3)
+    rows, error, point, row = np.empty((2, 3)), np.empty(2), np.empty(3), np.empty(3)
     for i in range(k):
         o = source[i]
         if not (math.isfinite(z[o, 0]) and math.isfinite(means[i, 0])):
@@ -150,9 +149,8 @@ def move_body(view, source, person, means, spreads, session, deep=None):
             for j in range(m):
                 drift += share[k, j] * x[k, j, 3 + a] + share[i, j] * x[i, j, 3 + a]
             point[a] = means[k, a] + means[i, a] + late[o] * drift
-        if not ray(camera, point, h, slope):
+        if not ray(camera, point, white[o], z[o], rows, error):
             continue
-        whitened(white[o], slope, z[o], h, rows, error)
         s00, s01, s11 = expected(rows, spreads[i] + spreads[k], 1.0)
         far = squared(s00, s01, s11, error[0], error[1])
         if not far <= rules.gate_chi2:

@@ -1,9 +1,9 @@
-"""Every view counts at its own time; the pose is predicted to the time it is wanted for."""
+"""Every view counts at its own time; the pose is predicted to the time it is wanted for. Nothing else remembers in a session."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 from scipy.optimize import linear_sum_assignment
@@ -13,14 +13,16 @@ from posefuse.core.arrays import Array, median_apart
 from posefuse.core.duplicate_share import DUPLICATE_SHARE
 from posefuse.core.duplicates import duplicates
 
-from .admission import Admission
-from .contract import CameraStatistics, Fuse, Solve
-from .cross_check import CrossCheck
+from .admission import Admission, CameraRecord, CameraStatistics
+from .cross_check import CrossCheck, Fuse
+from .kernels.pose import PoseRow
 from .kernels.rays import person_agreement
 from .kernels.state import KeypointRays
-from .kernels.step import ViewFigures
-from .optics import Optics, Rays
-from .person import Evidence, Model, Person, Pose3DArrays, View, evidence_of
+from .optics import Optics
+from .person import Evidence, Model, Person
+
+# one Detections2D per camera of the rig, in its order, of about one moment; and the pose before, or None -> the people in them
+Solve = Callable[[Sequence[Detections2D], Pose3D | None], Pose3D]
 
 # detections used per view, the surest first
 _MOST_DETECTIONS = 16
@@ -43,43 +45,26 @@ _LEAST_KEYPOINTS = 3
 _CHECK_EVERY_NS = 200_000_000
 # of a sprinter: what is faster is no body any more
 _FASTEST_M_S = 13.0
-# the figures of a camera are means over about its last 1 / 0.01 = 100 views, 3 s at 30 frames/s
-_HEALTH_MEMORY = 0.01
 
 
-@dataclass
-class _Figures:
-    """Running figures of one camera."""
+class Tracker:
+    """Follows people through single views. No clock inside: the same calls give the same answers.
 
-    used: int = 0
-    unclaimed: int = 0
-    newest_ns: int | None = None
-    square: float = float("nan")
-    gated: float = 0.0
-    flipped: float = 0.0
+    A Kalman filter bank per keypoint; see `kernels`. A person is born from the robust solve of views no one claimed.
 
-    def count(self, figures: ViewFigures) -> None:
-        """Apply what was found in a view of this camera."""
-        self.used += 1
-        if figures.measured == 0:
-            return
-        memory = max(_HEALTH_MEMORY, 1 / self.used)
-        square = figures.square / (2 * figures.measured)
-        self.square = square if np.isnan(self.square) else self.square + memory * (square - self.square)
-        self.gated += memory * (figures.gated / figures.measured - self.gated)
-        self.flipped += memory * (float(figures.exchanged > 0) - self.flipped)
-
-
-class AsynchronousTracker:
-    """A Kalman filter bank per keypoint; see `kernels`. A person is born from the robust solve of views no one claimed."""
+    Args:
+        model: the cameras, the skeleton of every view, and how people move.
+        solve: association and fusion of one time step, from one view of every camera (empty for those that have none) and the
+            pose before. New people come from it.
+        fuse: fusion of one time step alone, of views that are known to show the same people.
+    """
 
     def __init__(self, model: Model, solve: Solve, fuse: Fuse) -> None:
         rig = model.rig
         self._model, self._solve, self._fuse = model, solve, fuse
         self._admission = Admission(rig, model.skeleton, model.settings.lag_s)
         self._place = {name: c for c, name in enumerate(rig.names)}
-        self._optics = [Optics(camera, model.motion) for camera in rig]
-        self._figures = {name: _Figures() for name in rig.names}
+        self._optics = [Optics(camera, c, model.motion) for c, camera in enumerate(rig)]
         self._people: list[Person] = []
         self._checks: dict[Person, CrossCheck] = {}
         self._unclaimed: dict[str, Detections2D] = {}
@@ -89,7 +74,14 @@ class AsynchronousTracker:
         self._next_id = 0
 
     def add(self, detections: Detections2D) -> Array:
-        """See `Tracker.add`."""
+        """Everybody one camera saw at its own time; late or out of order within the lag buffer, people in any order.
+
+        Returns:
+            (P,) the track that each of them was taken for; -1: none.
+
+        Raises:
+            ShapeError: a camera the rig does not have, or another skeleton. Wrong times are no error: see `health`.
+        """
         tracks = np.full(len(detections), -1)
         if not self._admission.admits(detections):
             return tracks
@@ -97,25 +89,21 @@ class AsynchronousTracker:
             self._restarts, self._tried_ns = self._admission.restarts, None
             self._people.clear()
             self._unclaimed.clear()
-            for own in self._figures.values():
-                own.newest_ns = None
         looked_at = _surest(detections)
         detections = detections if len(looked_at) == len(detections) else detections.people(looked_at)
-        figures, c = self._figures[detections.camera], self._place[detections.camera]
-        figures.newest_ns = max(detections.t_ns, figures.newest_ns or detections.t_ns)
-        rays = self._optics[c].rays(detections)
-        claims = self._claims(rays, c, detections.t_ns)
+        camera = self._admission.cameras[detections.camera]
+        rays, depth_m = self._optics[self._place[detections.camera]].rays(detections)
+        claims = self._claims(rays, detections.t_ns)
         for person, p in claims:
             wrong = self._checks[person].keep(detections.people(np.array([p])))
-            z = np.where(wrong[:, None], np.nan, rays.z[p])
-            seen = KeypointRays(camera=c, z=z, white=rays.white[p], late_s=rays.late_s[p], sigma_px=rays.sigma_px[p])
-            depth_m = None if rays.depth_m is None else rays.depth_m[p]
-            found = person.add(View(t_ns=detections.t_ns, rays=seen, depth_m=depth_m))
+            seen = KeypointRays(rays.camera, *(plane[p] for plane in rays[1:]))
+            seen = seen._replace(z=np.where(wrong[:, None], np.nan, seen.z))
+            found = person.add(detections.t_ns, seen, None if depth_m is None else depth_m[p])
             if found is not None:
-                figures.count(found)
+                camera.count(found)
                 tracks[looked_at[p]] = person.id
         self._cross_check(detections.t_ns)
-        self._keep_unclaimed(detections, {p for _, p in claims}, figures)
+        self._keep_unclaimed(detections, {p for _, p in claims}, camera)
         self._forget()
         self._look_for_newcomers()
         return tracks
@@ -130,73 +118,71 @@ class AsynchronousTracker:
             self._checks[person].check(person, t_ns)
 
     def at(self, t_ns: int) -> Pose3D:
-        """See `Tracker.at`. Times older than the lag buffer are forgotten: no person."""
+        """Everybody who is tracked, at t_ns; NaN where lost. See `LiveMotion.measured_s` for kind FUSED and PREDICTED.
+
+        With several people, person_id numbers tracks: a person who was lost for long gets another number. Times older than the
+        lag buffer are forgotten: no person.
+
+        n_views counts the cameras, and reproj_px is over the views, of the last `LiveMotion.measured_s`.
+        """
         self._admission.asked(t_ns)
         self._asked = True
-        out = Pose3DArrays(len(self._people), len(self._model.skeleton))
+        n, k = len(self._people), len(self._model.skeleton)
+        xyz, cov, reproj = np.empty((n, k, 3)), np.empty((n, k, 3, 3)), np.empty((n, k))
+        n_views, kind = np.zeros((2, n, k), np.uint8)
         ids: list[int] = []
         for person in self._people:
-            if person.pose_into(t_ns, out, len(ids)):
+            if person.pose_into(t_ns, PoseRow(*(plane[len(ids)] for plane in (xyz, cov, reproj, n_views, kind)))):
                 ids.append(person.id)
-        return out.pose(t_ns, self._model.skeleton, ids)
-
-    def looked_for(self, t_ns: int) -> Pose3D:
-        """See `Tracker.looked_for`."""
-        return self.at(t_ns)
+        return Pose3D(
+            t_ns=t_ns, skeleton=self._model.skeleton, person_id=np.array(ids, np.int64), xyz_world=xyz[: len(ids)],
+            cov_world=cov[: len(ids)], reproj_px=reproj[: len(ids)], n_views=n_views[: len(ids)], kind=kind[: len(ids)],
+        )  # fmt: skip
 
     def check(self) -> None:
-        """See `Tracker.check`: the cross-check. The later after an output it begins, the more often the next one waits for it."""
+        """Do what takes longer and can wait, the cross-check: for callers who have time now, just after an output.
+
+        Work that is due and was not done here is done by the next `add`, and delays it by milliseconds. The later after an output
+        it begins, the more often the next one waits for it.
+        """
         if self._admission.newest_ns is not None:
             self._cross_check(self._admission.newest_ns)
 
     def evidence(self, t_ns: int) -> Mapping[int, Evidence]:
-        """See `Tracker.evidence`."""
+        """By person_id as in `at`, what the pose at t_ns rests on."""
         found = {}
         for person in self._people:
             check = self._checks[person]
-            found[person.id] = evidence_of(person, self._model, check.found_ns, check.away_world, t_ns)
+            found[person.id] = person.evidence(t_ns, check.found_ns, check.away_world)
         return found
 
     @property
     def health(self) -> Mapping[str, CameraStatistics]:
-        """See `CameraStatistics`."""
-        newest_ns = self._admission.newest_ns
-        result = {}
-        for name, times in self._admission.times.items():
-            own = self._figures[name]
-            age_s = float("nan") if newest_ns is None or own.newest_ns is None else (newest_ns - own.newest_ns) * 1e-9
-            result[name] = CameraStatistics(
-                used=own.used,
-                age_s=age_s,
-                innovation_sigmas=float(np.sqrt(own.square)),
-                gated_share=own.gated,
-                flipped_share=own.flipped,
-                unclaimed=own.unclaimed,
-                **times.refused,
-            )
-        return result
+        """By camera name, every camera of the rig."""
+        admission = self._admission
+        return {name: camera.statistics(admission.newest_ns) for name, camera in admission.cameras.items()}
 
-    def _claims(self, rays: Rays, c: int, t_ns: int) -> list[tuple[Person, int]]:
+    def _claims(self, rays: KeypointRays, t_ns: int) -> list[tuple[Person, int]]:
         """Association in one view: pairs of person and detection, each at most once, with the greatest support of all."""
-        if not self._people or not len(rays):
+        if not self._people or not len(rays.z):
             return []
-        model = self._model
-        support, share = np.empty((len(self._people), len(rays))), np.empty((len(self._people), len(rays)))
+        session = self._model.arrays
+        support, share = np.empty((2, len(self._people), len(rays.z)))
         for n, person in enumerate(self._people):
             means, sigmas = person.expected(t_ns)
             person_agreement(
-                model.cameras[c], means, sigmas, rays.z, model.skeleton.mirror, _TOLERANCE_M, support[n], share[n]
+                session.cameras[rays.camera], means, sigmas, rays.z, session.mirror, _TOLERANCE_M, support[n], share[n]
             )  # fmt: skip
         support = np.where(share >= _CLAIMED_SHARE, support, 0.0)
         rows, places = linear_sum_assignment(-support) if support.size > 1 else ([0], [0])
         return [(self._people[n], int(p)) for n, p in zip(rows, places, strict=True) if support[n, p] > 0]
 
-    def _keep_unclaimed(self, detections: Detections2D, claimed: set[int], figures: _Figures) -> None:
+    def _keep_unclaimed(self, detections: Detections2D, claimed: set[int], camera: CameraRecord) -> None:
         left = [p for p in range(len(detections)) if p not in claimed]
         if left:
             enough = (np.isfinite(detections.xy_img[..., 0]) & (detections.score > 0)).sum(axis=1) >= _LEAST_KEYPOINTS
             left = [p for p in left if enough[p]]
-        figures.unclaimed += bool(left) and not claimed
+        camera.unclaimed += bool(left) and not claimed
         before = self._unclaimed.get(detections.camera)
         if before is not None and before.t_ns > detections.t_ns:
             return
