@@ -474,7 +474,7 @@ def test_a_robot_without_a_model_is_refused_before_it_is_on_the_network():
     refusal(ConfigError, "the model by which its joints", open_ros_robot, "joints", plan, None, ("tool",), SETTINGS)
 
 
-def test_a_robot_that_never_tells_its_state_leaves_the_network(monkeypatch):
+def test_a_robot_that_never_reports_its_state_leaves_the_network(monkeypatch):
     node = Node()
     monkeypatch.setattr(ros_robot, "_FIRST_S", 0.05)
     plan = SimpleNamespace(node=lambda name: node, base_frame="base")

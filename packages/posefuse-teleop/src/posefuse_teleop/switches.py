@@ -13,7 +13,6 @@ import threading
 import time
 from collections import deque
 from collections.abc import Callable
-from dataclasses import dataclass
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from importlib.resources import files
 from typing import Any, Protocol
@@ -21,21 +20,12 @@ from typing import Any, Protocol
 from posefuse.core import ConfigError, MessageError, SourceError
 from posefuse.core.extras import package_of_extra
 
-from .gate import Beat
+from .gate import Beat, Pressed
 from .settings import AHEAD_S, RosPlan
 from .values import OperatorView
 
 _MOST_JOY_BYTES = 10_000
 _JOY = "sensor_msgs/msg/Joy"
-
-
-@dataclass(frozen=True, kw_only=True)
-class Pressed:
-    """What came since the last poll. emergency: stop now, until a reset. reset: leave STOPPED."""
-
-    heartbeats: tuple[Beat, ...] = ()
-    emergency: bool = False
-    reset: bool = False
 
 
 class DeadMan(Protocol):
