@@ -44,10 +44,6 @@ class ExactRobot:
             fault=self.fault,
         )
 
-    def pace(self) -> float:
-        """See `Robot`."""
-        return 1.0
-
     def move(self, wanted: Follower, dt_s: float, left_out: int = 0) -> None:
         """See `Robot`."""
         self._xyz, self._wxyz, self._rates = wanted.xyz, wanted.wxyz, (wanted.velocity, wanted.turn_rate)

@@ -183,10 +183,6 @@ class Robot(Protocol):
         """How the robot is now, as far as it knows; raises PosefuseError where that cannot be known."""
         ...
 
-    def pace(self) -> float:
-        """Share of the speed limit that the robot can use now, in 0..1: less near singularities."""
-        ...
-
     def move(self, wanted: Follower, dt_s: float, left_out: int = 0) -> None:
         """Go where `wanted` is, as far as joints, their limits and collisions allow; called once per control step.
 
@@ -260,7 +256,7 @@ class Driver:
         )
 
     def _paced(self, follower: Follower) -> Follower:
-        order, pace = follower.order, self._robot.pace()
+        order, pace = follower.order, self.state.pace
         if order is None or pace >= 1.0:
             return follower
         return replace(follower, order=replace(order, speed_mps=order.speed_mps * pace))

@@ -63,10 +63,9 @@ class KeySwitch:
             self._fd = self._stream.fileno()
             self._before = termios.tcgetattr(self._fd)
             tty.setcbreak(self._fd)
-        except (ImportError, OSError, ValueError, AttributeError) as error:
-            raise SourceError(f"--deadman key: no terminal to read keys from ({error}); use web or joystick:DEVICE") from None
-        except Exception as error:  # termios.error is no OSError
-            if type(error).__module__ != "termios":
+        except Exception as error:
+            # termios.error is no OSError
+            if not isinstance(error, (ImportError, OSError, ValueError, AttributeError)) and type(error).__module__ != "termios":
                 raise
             raise SourceError(f"--deadman key: no terminal to read keys from ({error}); use web or joystick:DEVICE") from None
 
