@@ -19,12 +19,13 @@ from typing import Any
 
 from posefuse.core import InputError, PosefuseError
 
+from . import work
 from .jobs import JOBS_FOLDER, Job, Jobs, Report
-from .work import recordings
 from .workspace import SessionAddress, StudioWorkspace, address_file, write_stored
 
 _EVERY_S = 0.2
 _ALIVE_S = 1.0
+_MOST_NEWS = 50
 
 
 class JobReporter:
@@ -48,7 +49,8 @@ class JobReporter:
     def __call__(self, stage: str, done: int, total: int | None, message: str = "") -> None:
         """See `Progress`."""
         with self._lock:
-            self._report = self._report.advanced(stage, done, total, message)
+            news = (*self._report.news, *([message] if message else []))[-_MOST_NEWS:]
+            self._report = replace(self._report, stage=stage, done=done, total=total, news=news)
 
     def note(self, message: str) -> None:
         """A line of news within the stage."""
@@ -97,8 +99,8 @@ def run_job(workspace: StudioWorkspace, job: Job, reporter: JobReporter) -> None
 
     warnings.showwarning = warned
     try:
-        work = getattr(recordings, f"{job.work}_job", None) or import_module(f"posefuse_studio.work.{job.work}").run
-        result: Mapping[str, Any] = work(job.arguments, workspace, reporter)
+        run = getattr(work, f"{job.work}_job", None) or import_module(f"posefuse_studio.work.{job.work}").run
+        result: Mapping[str, Any] = run(job.arguments, workspace, reporter)
         reporter.end(state="done", result=dict(result))
     except KeyboardInterrupt:
         reporter.end(state="cancelled", error="cancelled; what was finished is kept")
