@@ -23,10 +23,10 @@ from posefuse.core.joint_angles import angle_labels
 from posefuse.formats.truth import read_truth
 from posefuse.formats.video import read_video
 from posefuse.pipeline.session import clip_folder
-from posefuse_studio.job_process import JobReporter
 from posefuse_studio.jobs import JOBS_FOLDER, LIVE, Job
 from posefuse_studio.scene_messages import image_message, page_message, poses_message, setup_message
 from posefuse_studio.session import CameraStatus, Host, SessionStatus
+from posefuse_studio.work import JobReporter
 from posefuse_studio.workspace import StudioWorkspace, write_stored
 
 IMAGES_HZ, POSES_HZ = 15.0, 40.0
@@ -97,6 +97,6 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    # a request to end it comes as an interrupt, see `posefuse_studio.job_process`
+    # a request to end it comes as an interrupt, see `posefuse_studio.work`
     with suppress(KeyboardInterrupt):
         main()

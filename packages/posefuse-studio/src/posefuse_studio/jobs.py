@@ -113,7 +113,7 @@ class Jobs:
         with (folder / "log.txt").open("wb") as log:
             # -P: files of the workspace cannot stand in for modules
             self._processes[job.id] = subprocess.Popen(
-                [sys.executable, "-P", "-m", "posefuse_studio.job_process", str(self._workspace.root), job.id],
+                [sys.executable, "-P", "-c", "from posefuse_studio.work import main; main()", str(self._workspace.root), job.id],
                 stdin=subprocess.DEVNULL,
                 stdout=log,
                 stderr=log,
