@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     # from packages that an extra installs; their names say so where it is missing
     from posefuse_ros.nodes import camera_node, fusion_node
     from posefuse_sim.api import gazebo_world, plan, simulate
-    from posefuse_teleop.session import teleoperate
+    from posefuse_teleop.api import teleoperate
 
     from .api.calibrate import calibrate_clocks, calibrate_extrinsics, calibrate_intrinsics, calibrate_person, verify
     from .api.catalogue import recordings

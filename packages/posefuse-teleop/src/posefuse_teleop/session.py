@@ -1,7 +1,4 @@
-"""The operator's side: views, heartbeats and the robot's state in, orders out. One pure step, its loop, `posefuse.teleoperate`.
-
-For the limits of all this see docs/teleoperation.md.
-"""
+"""The operator's side: views, heartbeats and the robot's state in, orders out. One pure step, and its loop."""
 
 from __future__ import annotations
 
@@ -9,26 +6,26 @@ import math
 import time
 from collections import Counter, deque
 from collections.abc import Callable, Sequence
-from contextlib import ExitStack
 from dataclasses import dataclass, field, replace
-from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from posefuse.api.arguments import shown
-from posefuse.api.live import LiveSession, Newest
-from posefuse.core import ConfigError, PosefuseError, Progress
+from posefuse.core import PosefuseError
 from posefuse.core.live_messages import OK
-from posefuse.foundation.output_file import check_output_file
 
 from .gate import Gate, Pressed, Seen, speed_mps, step_gate
 from .hands import operator_view
 from .mapping import Clutch, Steady, engaged, moved, steadied
-from .process import RobotLink, RobotPlan
 from .separation import OperatorBody, remembered, separation_m, speed_share
-from .settings import RosPlan, TeleoperationSettings
-from .switches import DeadMan, open_deadman
+from .settings import TeleoperationSettings
 from .values import CameraReport, OperatorView, Order, Phase, RobotState
+
+if TYPE_CHECKING:
+    from posefuse.api.live import LiveSession, Newest
+
+    from .process import RobotLink
+    from .switches import DeadMan
 
 _NEWEST = 100_000
 
@@ -222,104 +219,3 @@ def _camera_report(found: Newest) -> CameraReport:
     """How many of the session's cameras are well."""
     healthy = sum(camera.state == OK for camera in found.cameras.values())
     return CameraReport(t_ns=found.cameras_ns, healthy=healthy, total=len(found.cameras))
-
-
-def teleoperate(
-    session: LiveSession,
-    *,
-    deadman: str | DeadMan = "web",
-    settings: TeleoperationSettings | None = None,
-    robot: str | Path = "sim",
-    frames: Sequence[str] | None = None,
-    command: str | None = None,
-    ros: RosPlan | None = None,
-    emergency_stop: bool = False,
-    view: bool = False,
-    show: str | Path | None = None,
-    scene: str | None = None,
-    record: str | Path | None = None,
-    watch: Callable[[Operator, Order | None], None] | None = None,
-    progress: Progress | bool | None = None,
-) -> Summary:
-    """Let a robot follow the operator's hand until the session ends, or Ctrl-C; no certified safety function.
-
-    Args:
-        session: from `posefuse.live`, not yet begun.
-        deadman: ``key``, ``joystick:DEVICE``, ``ros:/TOPIC``, ``web``, ``web:PORT``, ``gesture``, or a switch of your own.
-        settings: hands, mapping, gate, limits, separation, robot.
-        robot: ``sim``, our own in MuJoCo, or an MJCF file. frames: its sites, one per hand; default ``right_hand`` ...
-        command: None drives the robot in MuJoCo; ``pose``, ``twist`` or ``joints`` drives one over `ros`. A dead-man's switch
-            ``ros:/TOPIC`` is there, too; without `ros` where the session has ROS.
-        emergency_stop: there is one within reach; needed for a gesture that moves a robot over ROS.
-        view: open MuJoCo's viewer. show: operator, robot, workspace and keep-out in Rerun: ``spawn`` opens its viewer, anything
-            else is the .rrd file to write (extra ``viewer``).
-        scene: MJCF text instead of a file. record: .mcap of commands and states of the robot.
-        watch: is shown the operator's side and the order after every step.
-
-    Raises:
-        PosefuseError: what keeps it from beginning.
-
-    Examples:
-        >>> import posefuse as pf
-        >>> session = pf.live("rig.toml", {"cam1": "usb:0", "cam2": "usb:1"})  # doctest: +SKIP
-        >>> pf.teleoperate(session, deadman="web", robot="sim").engagements  # doctest: +SKIP
-    """
-    from posefuse.realtime.session import stop_requests
-
-    settings = settings or TeleoperationSettings()
-    sites = tuple(frames) if frames else tuple(f"{side}_hand" for side in settings.hands)
-    _check(settings, command, sites)
-    _check_files(record=record, show=None if show == "spawn" else show)
-    plan = RobotPlan(
-        settings=settings,
-        model=None if str(robot) == "sim" else Path(robot),
-        frames=sites,
-        command=command,
-        ros=ros,
-        record=Path(record).absolute() if record is not None else None,
-        view=view,
-        scene=scene,
-    )
-    with ExitStack() as stack:
-        switch = open_deadman(
-            deadman, gesture_allowed=command is None or emergency_stop, ros=lambda: ros or RosPlan.listening(session.ros)
-        )
-        stack.callback(switch.close)
-        watches = [] if watch is None else [watch]
-        if show is not None:
-            from .scene_view import SceneView
-
-            scene_view = SceneView(settings, str(show))
-            stack.callback(scene_view.close)
-            watches.append(scene_view)
-        link = RobotLink(plan)
-        stack.callback(link.close)
-        link.wait_ready()
-        stack.enter_context(session)
-        with shown(progress) as report:
-            report("teleoperation", 0, None, switch.hint)
-        with stop_requests() as stopped:
-            summary = run_control_loop(session, switch, link, settings, watches=watches, stopped=stopped)
-            stack.close()
-    return summary
-
-
-def _check_files(**places: str | Path | None) -> None:
-    for option, place in places.items():
-        if place is not None:
-            check_output_file(Path(place), option=option)
-
-
-def _check(settings: TeleoperationSettings, command: str | None, sites: Sequence[str]) -> None:
-    if not settings.hands or len(set(settings.hands)) != len(settings.hands):
-        raise ConfigError(f"hands: expected left, right or both, each once, got {settings.hands}")
-    if len(sites) != len(settings.hands):
-        raise ConfigError(f"frames: expected one per hand ({', '.join(settings.hands)}), got {len(sites)}")
-    if command not in (None, "pose", "twist", "joints"):
-        raise ConfigError(f"command: expected pose, twist or joints, got {command!r}")
-    if any(low >= high for low, high in zip(settings.limits.box_low_m, settings.limits.box_high_m, strict=True)):
-        raise ConfigError("limits.box_low_m: expected each coordinate below that of box_high_m")
-    if settings.separation.stop_m >= settings.separation.slow_m:
-        raise ConfigError("separation.stop_m: expected less than slow_m")
-    if settings.gate.slow_sigma_m >= settings.gate.hold_sigma_m:
-        raise ConfigError("gate.slow_sigma_m: expected less than hold_sigma_m")
