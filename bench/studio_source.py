@@ -23,10 +23,10 @@ from posefuse.core.joint_angles import angle_labels
 from posefuse.formats.truth import read_truth
 from posefuse.formats.video import read_video
 from posefuse.pipeline.session import clip_folder
-from posefuse_studio.job_process import JobReporter
 from posefuse_studio.jobs import JOBS_FOLDER, LIVE, Job
-from posefuse_studio.scene_messages import image_message, page_message, poses_message, scene_setup
+from posefuse_studio.scene_messages import image_message, page_message, poses_message, setup_message
 from posefuse_studio.session import CameraStatus, Host, SessionStatus
+from posefuse_studio.work import JobReporter
 from posefuse_studio.workspace import StudioWorkspace, write_stored
 
 IMAGES_HZ, POSES_HZ = 15.0, 40.0
@@ -60,7 +60,7 @@ def main() -> None:
     joints = truth.joints
     assert joints is not None, "the clip of a checkout has joint angles; that of a wheel has no truth"
     plots = angle_labels(joints, " ")
-    host.publish("setup", page_message("setup", content=scene_setup(rig, poses.skeleton, plots=plots)), keep=True)
+    host.publish("setup", setup_message(rig, poses.skeleton, plots=plots), keep=True)
     cov = np.broadcast_to(np.diag([1.0, 1.0, 4.0]) * _SIGMA_M**2, (*poses.xyz_world.shape[1:3], 3, 3))
     shown = {
         name: CameraStatus(light="good", state="ok", figures="30/s", size_wh=lens.size_wh)
@@ -97,6 +97,6 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    # a request to end it comes as an interrupt, see `posefuse_studio.job_process`
+    # a request to end it comes as an interrupt, see `posefuse_studio.work`
     with suppress(KeyboardInterrupt):
         main()

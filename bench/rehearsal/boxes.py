@@ -9,7 +9,7 @@ import numpy as np
 from posefuse.core.arrays import Array
 from posefuse_teleop.follower import Driver
 from posefuse_teleop.gate import Beat
-from posefuse_teleop.mujoco_robot import MujocoRobot, Thing, mobile_manipulator
+from posefuse_teleop.mujoco_robot import MujocoRobot, mobile_manipulator
 from posefuse_teleop.settings import MappingSettings, RobotSettings, TeleoperationSettings
 from posefuse_teleop.values import OperatorView, Phase
 
@@ -34,13 +34,26 @@ _PRESSED = 70
 SETTINGS = TeleoperationSettings(mapping=MappingSettings(scale=SCALE), robot=RobotSettings(position_xy_m=BASE_XY_M))
 
 
-def things() -> list[Thing]:
-    """A table, marks on it, and boxes."""
-    table = Thing(name="table", size_m=(0.5, 0.8, _TABLE_M), xyz_m=(0.8, 0.02, _TABLE_M / 2), rgba="0.75 0.66 0.52 1")
-    mark, box = {"size_m": (0.1, 0.1, 0.002), "rgba": "0.2 0.65 0.3 1"}, {"size_m": (_EDGE_M,) * 3, "rgba": "0.85 0.35 0.2 1"}
-    marks = [Thing(name=f"mark{i}", xyz_m=(*xy, _TABLE_M), **mark) for i, xy in enumerate(MARKS)]
-    lies_m = _TABLE_M + _EDGE_M / 2 + 0.001
-    return [table, *marks, *(Thing(name=f"box{i}", xyz_m=(*xy, lies_m), moves=True, **box) for i, xy in enumerate(STARTS))]
+def scene() -> str:
+    """MJCF text of our robot with a table, marks on it, and boxes that can be carried."""
+    box_m, lies_m = (_EDGE_M,) * 3, _TABLE_M + _EDGE_M / 2 + 0.001
+    things = _thing("table", (0.5, 0.8, _TABLE_M), (0.8, 0.02, _TABLE_M / 2), 'rgba="0.75 0.66 0.52 1"')
+    for i, xy in enumerate(MARKS):
+        things += _thing(f"mark{i}", (0.1, 0.1, 0.002), (*xy, _TABLE_M), 'rgba="0.2 0.65 0.3 1"')
+    for i, xy in enumerate(STARTS):
+        carried = 'rgba="0.85 0.35 0.2 1" mass="0.3" friction="1 0.05 0.01"'
+        things += _thing(f"box{i}", box_m, (*xy, lies_m), carried, "<freejoint/>")
+    free = "".join(f"{x} {y} {lies_m} 1 0 0 0 " for x, y in STARTS)
+    return (
+        mobile_manipulator(SETTINGS.hands)
+        .replace('<body name="base"', things + '<body name="base"')
+        .replace('qpos="', f'qpos="{free}')
+    )
+
+
+def _thing(name: str, size_m: tuple[float, ...], xyz_m: tuple[float, ...], about: str, joint: str = "") -> str:
+    size, place = (" ".join(f"{one:g}" for one in row) for row in (np.divide(size_m, 2), xyz_m))
+    return f'<body name="{name}" pos="{place}">{joint}<geom name="{name}" type="box" size="{size}" {about}/></body>'
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -77,7 +90,7 @@ def script(start: Array) -> Script:
 
 def move_boxes(hand: MadeUpHand) -> dict[str, float]:
     """Do the task: boxes on their marks of all, seconds, error of the path after one lag, and that lag. hand: as it is known."""
-    robot = with_joints(SETTINGS, mobile_manipulator(SETTINGS.hands, things()))
+    robot = with_joints(SETTINGS, scene())
     driver, world_from_base = Driver(robot, SETTINGS), robot.joints.world_from_model
     plan, rest = script(world_from_base.inverse() @ driver.state.xyz_world[0]), round(REST_S * RATE_HZ)
 

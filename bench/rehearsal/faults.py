@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from posefuse_teleop.gate import Beat
+from posefuse_teleop.gate import Beat, Pressed
 from posefuse_teleop.hands import BODY
 from posefuse_teleop.session import OperatorNews, step_operator
 from posefuse_teleop.settings import TeleoperationSettings
@@ -133,7 +133,7 @@ def _news(world: World, active: set[str], now_ns: int) -> OperatorNews:
         world.released_s = world.t_s
     return OperatorNews(
         view=None if "dead cameras" in active and rng.random() < 0.9 else view,
-        heartbeats=heartbeats,
+        pressed=Pressed(heartbeats=heartbeats),
         cameras=CameraReport(t_ns=now_ns, healthy=healthy, total=4),
         robot=_state(world, active),
     )

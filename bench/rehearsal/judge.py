@@ -114,7 +114,7 @@ class _JudgedBody:
         self._place = robot.joints.world_from_model
         self._sites = [self._model.site(f"{side}_hand").id for side in world.settings.hands]
         self._data = mujoco.MjData(self._model)
-        self._pairs = _pairs_apart(self._model, self._data, self._chain, world.settings.limits.collision_m, mujoco)
+        self._pairs = pairs_apart(self._model, self._data, self._chain, world.settings.limits.collision_m, mujoco)
 
     def ends(self, world: World) -> Array:
         """(H, 3) end effectors at the commanded joints."""
@@ -153,8 +153,8 @@ class _JudgedBody:
         )
 
 
-def _pairs_apart(model: Any, data: Any, chain: Any, least_m: float, mj: Any) -> Array:
-    """All pairs of solid geoms of the robot, and of the robot and the floor, that are apart in its home posture."""
+def pairs_apart(model: Any, data: Any, chain: Any, least_m: float, mj: Any) -> Array:
+    """(P, 2) all solid geoms of the robot, and of the robot and the floor, that are apart in its home posture."""
     data.qpos[chain.qpos] = chain.home
     mj.mj_kinematics(model, data)
     solid = [g for g in range(model.ngeom) if model.geom_contype[g]]

@@ -15,10 +15,9 @@ import numpy as np
 
 from posefuse_ros.bags import read_mcap
 from posefuse_ros.messages import ns_from_time
-from posefuse_teleop.gate import Beat
+from posefuse_teleop.gate import Beat, Pressed
 from posefuse_teleop.process import RobotLink, RobotPlan
 from posefuse_teleop.settings import TeleoperationSettings
-from posefuse_teleop.switches import Pressed
 from posefuse_teleop.values import OperatorView, Order, Phase
 
 SILENT = "operator's side goes silent"

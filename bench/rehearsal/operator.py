@@ -9,7 +9,7 @@ import numpy as np
 
 from posefuse.core.arrays import Array
 from posefuse_teleop.follower import Driver
-from posefuse_teleop.gate import Beat
+from posefuse_teleop.gate import Beat, Pressed
 from posefuse_teleop.session import Operator, OperatorNews, step_operator
 from posefuse_teleop.settings import TeleoperationSettings
 from posefuse_teleop.values import CameraReport, OperatorView, RobotState
@@ -52,7 +52,7 @@ def operated(driver: Driver, settings: TeleoperationSettings, ticks: int, look: 
         now_ns = _START_NS + k * _TICK_NS
         view, heartbeats = look(k, now_ns)
         cameras = CameraReport(t_ns=now_ns, healthy=4, total=4)
-        news = OperatorNews(view=view, heartbeats=heartbeats, cameras=cameras, robot=robot)
+        news = OperatorNews(view=view, pressed=Pressed(heartbeats=heartbeats), cameras=cameras, robot=robot)
         before, robot_before = operator, robot
         operator, order = step_operator(operator, news, now_ns, settings)
         robot = driver.step([order] if order else [], now_ns)

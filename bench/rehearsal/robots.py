@@ -11,6 +11,7 @@ import numpy as np
 
 from posefuse.core.arrays import Array
 from posefuse_teleop.follower import Follower, Robot
+from posefuse_teleop.process import RobotPlan, built
 from posefuse_teleop.settings import TeleoperationSettings
 from posefuse_teleop.values import RobotState
 
@@ -44,10 +45,6 @@ class ExactRobot:
             fault=self.fault,
         )
 
-    def pace(self) -> float:
-        """See `Robot`."""
-        return 1.0
-
     def move(self, wanted: Follower, dt_s: float, left_out: int = 0) -> None:
         """See `Robot`."""
         self._xyz, self._wxyz, self._rates = wanted.xyz, wanted.wxyz, (wanted.velocity, wanted.turn_rate)
@@ -72,11 +69,7 @@ def _point(settings: TeleoperationSettings) -> Robot:
 
 def with_joints(settings: TeleoperationSettings, text: str | None = None) -> Any:
     """A `MujocoRobot` of an MJCF text; None: our own."""
-    from posefuse_teleop.mujoco_robot import MujocoRobot, mujoco_model, placed
-
-    place = placed(settings.robot.position_xy_m, settings.robot.heading_deg)
-    sites = [f"{side}_hand" for side in settings.hands]
-    return MujocoRobot(mujoco_model(None, settings.hands, text), sites, settings.limits, place)
+    return built(RobotPlan(settings=settings, frames=tuple(f"{side}_hand" for side in settings.hands), scene=text))
 
 
 def _fixed(settings: TeleoperationSettings) -> Robot:

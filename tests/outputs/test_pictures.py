@@ -12,6 +12,7 @@ import av
 import cv2
 import numpy as np
 import pytest
+from studio_messages import read_message
 
 from packages import source_files
 from posefuse.core import InputError, Kind, Recording, Sink
@@ -30,8 +31,8 @@ from posefuse.outputs.overlay import Background, OverlaySink
 from posefuse.outputs.overview import OverviewSink, best_time_step, bystander, stage_picture
 from posefuse.outputs.rerun import RerunSink, keypoint_colours
 from posefuse_ros.markers import side_colours
-from posefuse_studio.pages.recording import COLOURS
-from posefuse_studio.scene_messages import scene_setup
+from posefuse_studio.pages.recording import chart_options
+from posefuse_studio.scene_messages import setup_message
 
 Make = Callable[..., Recording]
 Frames = Callable[[Recording], Iterator]
@@ -329,11 +330,14 @@ def test_the_words_of_report_and_study_are_those_of_the_palette(tmp_path: Path, 
 def test_bones_markers_of_ros_the_3d_viewer_and_the_studio(make_recording: Make) -> None:
     skeleton = make_recording().poses.skeleton
     assert bone_colours(skeleton) == [MIDDLE.image_rgb, LEFT.image_rgb, RIGHT.image_rgb, MIDDLE.image_rgb]
-    setup, sides = scene_setup(skeleton=skeleton), skeleton.indices(["left_hip", "right_hip"])
+    setup, sides = read_message(setup_message(skeleton=skeleton))["content"], skeleton.indices(["left_hip", "right_hip"])
     for colours in (keypoint_colours(skeleton), setup["keypoint_rgb"]):
         assert_sides(*(tuple(channel / 255 for channel in colours[k]) for k in sides))
-    for of_both in (COLOURS, setup["sides"]):
-        assert_sides(of_both["left"], of_both["right"])
+    assert_sides(setup["sides"]["left"], setup["sides"]["right"])
+    nothing, t_s = np.full(2, np.nan), np.arange(2.0)
+    chart = chart_options((0.0, 1.0), t_s, {"left_hip": nothing, "right_hip": nothing}, {"left": t_s, "right": t_s})["series"]
+    for left, right in (chart[:2], chart[2:]):
+        assert_sides(left["color"], right["color"])
     assert_sides(*map(tuple, side_colours(("left_hip", "right_hip"))))
 
 

@@ -16,7 +16,7 @@ from marked import ON_LINUX
 from posefuse.core import InputError
 from posefuse_studio import access as rules
 from posefuse_studio.access import Access, AccessMiddleware, is_loopback, may_view
-from posefuse_studio.pages.phone import record_or_stop
+from posefuse_studio.pages.live import record_or_stop
 from posefuse_studio.session import SessionStatus
 from posefuse_studio.state import Studio
 from posefuse_studio.workspace import StudioWorkspace

@@ -144,7 +144,7 @@ def test_no_link_of_a_job_runs_in_the_browser(page: Any, lab: tuple[str, Path]) 
     page.get_by_role("button", name="Jobs").click()
     link = page.get_by_role("link", name="Script", exact=True)
     link.wait_for()
-    assert link.get_attribute("href") == "/"
+    assert link.get_attribute("href") == "/recordings"
 
 
 def test_the_button_that_closes_a_refusal_has_the_colour_of_its_words(page: Any, lab: tuple[str, Path]) -> None:

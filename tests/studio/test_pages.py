@@ -17,14 +17,13 @@ from posefuse.core import Rig
 from posefuse.detection import named_networks
 from posefuse_sim.rig_plan import camera_of
 from posefuse_sim.scene import read_scene
-from posefuse_studio import app
+from posefuse_studio import app, work
 from posefuse_studio.access import Access
 from posefuse_studio.calibrations import Project, projects, save_project
 from posefuse_studio.jobs import Jobs
 from posefuse_studio.pages import PAGES
 from posefuse_studio.setups import Setup, save_setup, setup_named
 from posefuse_studio.state import Studio
-from posefuse_studio.work import recordings
 from posefuse_studio.workspace import StudioWorkspace
 
 NETWORK = "rtmpose_m"
@@ -219,9 +218,9 @@ def test_a_study_has_the_network_that_was_chosen(tmp_path: Path, started: list[t
     [(_, arguments)] = started
     tracked: list[Any] = []
     study = SimpleNamespace(failed={}, trials=(), page=tmp_path / "study")
-    monkeypatch.setattr(recordings.pf, "batch", lambda *_, networks, **__: [tracked.append(networks), study][1])
+    monkeypatch.setattr(work.pf, "batch", lambda *_, networks, **__: [tracked.append(networks), study][1])
     for one in (arguments, {**arguments, "networks": ""}):
-        recordings.batch_job(one, StudioWorkspace(tmp_path), lambda *_: None)
+        work.batch_job(one, StudioWorkspace(tmp_path), lambda *_: None)
     assert tracked == [NETWORK, None]
 
 

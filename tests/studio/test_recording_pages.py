@@ -24,13 +24,13 @@ from posefuse_sim import rig_plan
 from posefuse_sim.build import live_scene
 from posefuse_sim.cameras import PlacedCamera, placed_cameras
 from posefuse_sim.scene import Scene, check_scene, plain_settings, read_scene, scene_text
+from posefuse_studio import work
 from posefuse_studio.app import add_routes
 from posefuse_studio.jobs import JOBS_FOLDER
-from posefuse_studio.pages.recording import Curve, chart_options
+from posefuse_studio.pages.recording import chart_options
 from posefuse_studio.pages.simulate import RoomMap, error_map, nearest_camera, room_svg
 from posefuse_studio.player import ResultPlayer, open_recording
 from posefuse_studio.state import Stream
-from posefuse_studio.work import recordings
 from posefuse_studio.workspace import StudioWorkspace
 
 
@@ -47,7 +47,7 @@ def test_a_curve_has_a_gap_where_values_are_missing_and_strikes_lie_below_it() -
     t_s = np.linspace(3.0, 5.0, 20)
     values = np.sin(t_s)
     values[8:11] = np.nan
-    options = chart_options((3.0, 5.0), t_s, [Curve("left knee", values, "left")], {"left": np.array([3.5])}, "°")
+    options = chart_options((3.0, 5.0), t_s, {"left_knee": values}, {"left": np.array([3.5])})
     line, strikes = options["series"]
     assert [i for i, (_, value) in enumerate(line["data"]) if value is None] == [8, 9, 10]
     assert line["data"][0] == [3.0, pytest.approx(np.sin(3.0))] and options["legend"]["data"] == ["left knee"]
@@ -57,15 +57,15 @@ def test_a_curve_has_a_gap_where_values_are_missing_and_strikes_lie_below_it() -
 
 
 def test_a_timeline_without_curves_has_words() -> None:
-    options = chart_options((0.0, 1.0), np.linspace(0, 1, 5), [], {}, "°", "No person was seen.")
+    options = chart_options((0.0, 1.0), np.linspace(0, 1, 5), {}, {}, "No person was seen.")
     assert options["series"] == [] and options["title"]["text"] == "No person was seen." and not options["yAxis"]["show"]
-    never = chart_options((0.0, 1.0), np.linspace(0, 1, 5), [Curve("knee", np.full(5, np.nan))], {}, "°")
+    never = chart_options((0.0, 1.0), np.linspace(0, 1, 5), {"knee": np.full(5, np.nan)}, {})
     assert never["yAxis"]["min"] < never["yAxis"]["max"]
 
 
 def test_a_long_recording_is_drawn_with_few_points() -> None:
     t_s = np.arange(18_000) / 30
-    [line] = chart_options((0.0, 600.0), t_s, [Curve("knee", np.sin(t_s))], {}, "°")["series"]
+    [line] = chart_options((0.0, 600.0), t_s, {"knee": np.sin(t_s)}, {})["series"]
     assert len(line["data"]) == 600
 
 
@@ -235,9 +235,9 @@ def test_videos_outside_the_workspace_are_not_shown(workspace: StudioWorkspace) 
 
 def test_jobs_write_into_the_workspace(workspace: StudioWorkspace) -> None:
     progress, export = Mock(), {"result": "result", "out": "exports/walk", "formats": ["trc", "csv"]}
-    files = recordings.export_job(export, workspace, progress)["files"]
+    files = work.export_job(export, workspace, progress)["files"]
     assert {Path(name).suffix for name in files} >= {".trc", ".csv"}
-    done = recordings.compare_job({"a": "result", "b": "result", "out": "comparisons/same"}, workspace, progress)
+    done = work.compare_job({"a": "result", "b": "result", "out": "comparisons/same"}, workspace, progress)
     assert done["mean_mm"] == pytest.approx(0.0, abs=1e-6)
     assert all(workspace.existing(name).is_file() for name in (*files, done["page"]))
     assert progress.called
@@ -250,5 +250,5 @@ def test_a_report_job_replaces_its_own_report(workspace: StudioWorkspace, monkey
 
     monkeypatch.setattr("posefuse.pipeline.writing.write_biomechanics", written)
     for _ in range(2):
-        made = recordings.report_job({"result": "result"}, workspace, lambda *_: None)
+        made = work.report_job({"result": "result"}, workspace, lambda *_: None)
         assert made == {"page": "result/biomechanics/report.html"}

@@ -62,15 +62,6 @@ def test_images_carry_what_is_drawn_over_them() -> None:
         assert [empty[name] for name in names[3:]] == [0, 0, 0] and empty["file"] == b"JPEG"
 
 
-def test_values_setup_and_labels_are_read_back() -> None:
-    values = np.array([[1.0, 0.5], [np.nan, np.nan]])
-    read = read_message(page_message("values", {"values": values}, t_s=3.0))
-    assert (read["kind"], read["t_s"]) == ("values", 3.0)
-    np.testing.assert_array_equal(read["values"], values.ravel())
-    assert read_message(page_message("setup", content={"bones": [[0, 1]]}))["content"] == {"bones": [[0, 1]]}
-    assert read_message(page_message("labels", content={3: "Anna"}))["content"] == {"3": "Anna"}
-
-
 # --- streams: what stays is given to pages that come later
 
 

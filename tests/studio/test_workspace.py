@@ -15,9 +15,9 @@ from posefuse.realtime.inputs import inputs_from_arguments, shown_again
 from posefuse.sources.video import length_s
 from posefuse_studio import setups
 from posefuse_studio.calibrations import print_targets, targets, without_floor
-from posefuse_studio.job_process import JobReporter
 from posefuse_studio.jobs import JOBS_FOLDER, Jobs
 from posefuse_studio.setups import DEMO, Setup, rig_of_setup, save_setup, setup_named, source_text, sources_of_setup
+from posefuse_studio.work import JobReporter
 from posefuse_studio.workspace import (
     SessionAddress,
     StudioWorkspace,

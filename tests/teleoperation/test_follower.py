@@ -9,9 +9,9 @@ import pytest
 
 from bench.rehearsal.robots import ExactRobot
 from posefuse_teleop.follower import Driver
+from posefuse_teleop.gate import Pressed
 from posefuse_teleop.session import run_control_loop
 from posefuse_teleop.settings import TeleoperationSettings
-from posefuse_teleop.switches import Pressed
 from posefuse_teleop.values import Phase
 
 SETTINGS = TeleoperationSettings()

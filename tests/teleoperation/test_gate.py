@@ -9,7 +9,7 @@ import pytest
 from bench.rehearsal.person import person_view
 from bench.rehearsal.robots import ExactRobot
 from posefuse_teleop.follower import Driver
-from posefuse_teleop.gate import FINE, Beat, SeenBody, continuity_finding
+from posefuse_teleop.gate import FINE, Beat, Pressed, SeenBody, continuity_finding
 from posefuse_teleop.hands import BODY
 from posefuse_teleop.session import Operator, OperatorNews, step_operator
 from posefuse_teleop.settings import TeleoperationSettings
@@ -35,10 +35,10 @@ class Run:
             self.now_ns, self.seq = self.now_ns + TICK_NS, self.seq + 1
             # a hand never stands to the last bit
             seen = replace(person_view(hand + 1e-5 * np.sin(self.seq), self.now_ns - TICK_NS, shift_m=shift_m), **view)
-            heartbeats = (Beat(seq=self.seq, sent_ns=self.now_ns),) if held else ()
+            pressed = Pressed(heartbeats=(Beat(seq=self.seq, sent_ns=self.now_ns),) if held else ())
             report = CameraReport(**{"t_ns": self.now_ns, "healthy": 4, "total": 4, **(cameras or {})})
             state = replace(self.state, **(robot or {}))
-            news = change(OperatorNews(view=seen, heartbeats=heartbeats, cameras=report, robot=state))
+            news = change(OperatorNews(view=seen, pressed=pressed, cameras=report, robot=state))
             self.operator, self.order = step_operator(self.operator, news, self.now_ns, self.settings)
             self.state = self.driver.step([self.order] if self.order else [], self.now_ns)
         return self.phase
@@ -175,14 +175,19 @@ def test_doubt_slows_before_it_stops():
         assert run.tick(**doubt) is Phase.ENGAGED and run.order.speed_mps == pytest.approx(speed_mps)
 
 
-@pytest.mark.parametrize("fault", [{"change": lambda news: replace(news, emergency=True)}, {"robot": {"fault": "brake"}}])
+def pressing(**button):
+    """With a button of the switch pressed, too."""
+    return {"change": lambda news: replace(news, pressed=replace(news.pressed, **button))}
+
+
+@pytest.mark.parametrize("fault", [pressing(emergency=True), {"robot": {"fault": "brake"}}])
 def test_faults_and_the_emergency_stop_are_left_by_a_reset_only(fault):
-    run, reset = Run().engaged(), lambda news: replace(news, reset=True)
+    run = Run().engaged()
     assert run.tick(**fault) is Phase.STOPPED
     assert run.tick(30, held=False) is Phase.STOPPED
-    assert run.tick(5, change=reset) is Phase.STOPPED  # held
+    assert run.tick(5, **pressing(reset=True)) is Phase.STOPPED  # held
     run.tick(20, held=False)
-    assert run.tick(held=False, change=reset) is Phase.IDLE
+    assert run.tick(held=False, **pressing(reset=True)) is Phase.IDLE
     assert run.pressed_again() is Phase.ENGAGED
 
 
@@ -276,7 +281,7 @@ def test_heartbeats_that_do_not_count(wrong):
         "future": lambda: Beat(seq=run.seq, sent_ns=run.now_ns + 1_000_000),
         "backward": lambda: Beat(seq=run.seq, sent_ns=sent_ns - 1),
     }
-    assert run.tick(12, change=lambda news: replace(news, heartbeats=(beats[wrong](),))) is Phase.HOLD
+    assert run.tick(12, change=lambda news: replace(news, pressed=Pressed(heartbeats=(beats[wrong](),)))) is Phase.HOLD
 
 
 # --- another body under the same id
@@ -406,8 +411,8 @@ def test_heartbeats_that_come_late_are_no_release():
     run = Run(ELSEWHERE).engaged()
 
     def late(news):
-        beats = tuple(replace(beat, sent_ns=beat.sent_ns - 300_000_000) for beat in news.heartbeats)
-        return replace(moved_aside(news), heartbeats=beats)
+        beats = tuple(replace(beat, sent_ns=beat.sent_ns - 300_000_000) for beat in news.pressed.heartbeats)
+        return replace(moved_aside(news), pressed=Pressed(heartbeats=beats))
 
     assert run.tick(20, change=late) is Phase.IDLE
     assert run.tick(40, change=moved_aside) is Phase.IDLE

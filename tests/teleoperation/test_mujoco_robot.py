@@ -12,6 +12,7 @@ pytest.importorskip("daqp")
 
 import mujoco
 
+from bench.rehearsal.judge import pairs_apart
 from posefuse.core import ConfigError
 from posefuse_teleop.follower import Driver
 from posefuse_teleop.mujoco_robot import MujocoRobot, mobile_manipulator, mujoco_model, placed
@@ -255,7 +256,7 @@ def test_no_limit_depends_on_what_the_inverse_kinematics_finds(seed):
         joints.move(made.state().xyz_world, made.state().wxyz, DT_S)
         q.append(joints.q)
     arm = joints.chain.arm
-    assert least_m(made, q, joints.chain.home)[0].min() >= LIMITS.collision_m - 1e-8
+    assert least_m(made, q)[0].min() >= LIMITS.collision_m - 1e-8
     assert_ends_keep_their_limits(ends_of(made, np.array(q)))
     assert (np.array(q)[:, arm] <= joints.ik.high[arm] + 1e-9).all() and (np.array(q)[:, arm] >= joints.ik.low[arm] - 1e-9).all()
     assert np.ptp(q, axis=0).max() > 0.2
@@ -320,24 +321,16 @@ def test_each_joint_may_have_its_own_limits():
     refusal(ConfigError, "expected one value, or 7 for the joints", robot, limits=wrong)
 
 
-def least_m(made, q, home):
+def least_m(made, q):
     """Least distance of any two bodies of the robot that do not touch by construction, and of any and the floor, over (T, J)."""
-    model, chain = made.model, made.joints.chain
-    data, pairs = mujoco.MjData(model), []
-    own = [g for g in range(model.ngeom) if model.geom_bodyid[g] in chain.bodies and model.geom_contype[g]]
-    candidates = [(a, b) for i, a in enumerate(own) for b in own[i + 1 :]] + [(model.geom("floor").id, g) for g in own]
-
-    def at(one):
+    model, chain, found = made.model, made.joints.chain, []
+    data = mujoco.MjData(model)
+    pairs = pairs_apart(model, data, chain, LIMITS.collision_m, mujoco)
+    for one in q:
         data.qpos[chain.qpos] = one
         mujoco.mj_kinematics(model, data)
-
-    at(home)
-    pairs = [pair for pair in candidates if mujoco.mj_geomDistance(model, data, *pair, 1.0, None) > LIMITS.collision_m]
-    found = []
-    for one in q:
-        at(one)
         found.append([mujoco.mj_geomDistance(model, data, *pair, 1.0, None) for pair in pairs])
-    names = [{model.geom(g).name for g in pair} for pair in pairs]
+    names = [{model.geom(int(g)).name for g in pair} for pair in pairs]
     return np.array(found), names
 
 
@@ -357,7 +350,7 @@ def test_two_arms_driven_at_something_keep_their_distance(way):
     text = mobile_manipulator(("right", "left")).replace('name="floor"', f'name="floor" pos="0 0 {0.1 * (thing == "floor")}"')
     model = mujoco_model(None, ("right", "left"), text)
     made, q, _ = driven(("right", "left"), [np.array([right, left])] * 400, replace(LIMITS, box_low_m=(-9, -9, -9)), model)
-    found, names = least_m(made, q, made.joints.chain.home)
+    found, names = least_m(made, q)
     assert found.min() >= LIMITS.collision_m - 1e-8
     # the right arm does get near to it, so that this is the guard's work; what is near in every pose does not count
     met = [{"right", thing} <= {name.split("_")[0] for name in pair} for pair in names] & (np.ptp(found, axis=0) > 0.1)

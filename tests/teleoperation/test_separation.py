@@ -110,6 +110,8 @@ def test_the_ends_of_hands_head_and_feet_are_measured_by_no_detector(skeleton):
     pose = built.pose(np.random.default_rng(0).normal(size=(1, len(skeleton), 3)), [1], NOW_NS, skeleton=skeleton)
     view = operator_view(pose, ("right",), None, NOW_NS)
     assert view.body_measured.tolist() == MEASURED
+    gone = operator_view(pose, ("right",), 9, NOW_NS)
+    assert gone.person_id == -1 and np.isnan(gone.body_xyz_world).all() and not (gone.body_measured.any() or gone.measured.any())
     assert np.array_equal(view.body_xyz_world[BODY.index("right_wrist")], pose.xyz_world[0, skeleton.index("right_wrist")])
 
 

@@ -18,7 +18,6 @@ from typing import Any, Literal
 
 from posefuse.core import InputError
 
-from .pages import PAGES
 from .workspace import STATE_FOLDER, SessionAddress, StudioWorkspace, address_file, read_stored, write_stored
 
 LIVE, WATCH = "live", "watch"
@@ -28,9 +27,6 @@ JOBS_FOLDER = f"{STATE_FOLDER}/jobs"
 # a process reports once a second; one that is silent for this long is dead
 _LOST_S = 15.0
 _STARTING_S = 60.0
-_MOST_NEWS = 50
-# a job of an archive from elsewhere may name any other: a browser would run ``javascript:``
-_ADDRESSES = {page.path for page in PAGES}
 _MOST_LOG_BYTES = 20_000
 
 
@@ -40,14 +36,13 @@ class Job:
 
     Attributes:
         id: name of its folder. work: what does it, see `posefuse_studio.work`. title: one line for people.
-        arguments: JSON values for it. page: where its result is shown, e.g. ``/recordings``. begun_s: Unix time.
+        arguments: JSON values for it. begun_s: Unix time.
     """
 
     id: str = ""
     work: str
     title: str
     arguments: Mapping[str, Any]
-    page: str = "/"
     begun_s: float = 0.0
 
 
@@ -85,11 +80,6 @@ class Report:
         """What a page shows of it: a button that is replaced every second could not be pressed."""
         return replace(self, reported_s=0.0)
 
-    def advanced(self, stage: str, done: int, total: int | None, message: str = "") -> Report:
-        """With one call of `Progress`."""
-        news = (*self.news, message)[-_MOST_NEWS:] if message else self.news
-        return replace(self, stage=stage, done=done, total=total, news=news)
-
 
 class Jobs:
     """Starts, watches and cancels the jobs of a workspace."""
@@ -104,7 +94,7 @@ class Jobs:
         # the time of each job's newest report, and when it came by a clock that no one sets
         self._heard: dict[str, tuple[float, float]] = {}
 
-    def start(self, work: str, title: str, arguments: Mapping[str, Any], *, page: str = "/") -> Job:
+    def start(self, work: str, title: str, arguments: Mapping[str, Any]) -> Job:
         """Begin, and return at once; arguments as the attributes of `Job`.
 
         What looks through the cameras takes them from what only shows their images. A live session that runs already stays.
@@ -118,12 +108,12 @@ class Jobs:
             self._free_cameras()
         name = self._workspace.free_name(JOBS_FOLDER, f"{time.strftime('%Y%m%d-%H%M%S')}-{work}")
         folder = self._workspace.folder(name)
-        job = Job(id=folder.name, work=work, title=title, arguments=dict(arguments), page=page, begun_s=time.time())
+        job = Job(id=folder.name, work=work, title=title, arguments=dict(arguments), begun_s=time.time())
         write_stored(folder / "job.json", job)
         with (folder / "log.txt").open("wb") as log:
             # -P: files of the workspace cannot stand in for modules
             self._processes[job.id] = subprocess.Popen(
-                [sys.executable, "-P", "-m", "posefuse_studio.job_process", str(self._workspace.root), job.id],
+                [sys.executable, "-P", "-c", "from posefuse_studio.work import main; main()", str(self._workspace.root), job.id],
                 stdin=subprocess.DEVNULL,
                 stdout=log,
                 stderr=log,
@@ -145,7 +135,7 @@ class Jobs:
             job = read_stored(self._folder(job_id) / "job.json", Job)
             if job is None:
                 return None
-            self._tasks[job_id] = replace(job, id=job_id, page=job.page if job.page in _ADDRESSES else "/")
+            self._tasks[job_id] = replace(job, id=job_id)
         return self._tasks[job_id]
 
     def report(self, job_id: str) -> Report:

@@ -14,10 +14,8 @@ from posefuse.api.playback import Playback
 from posefuse.core import InputError, JointAngles
 from posefuse.core.arrays import Array
 from posefuse.outputs.drawing import person_rgb
-from posefuse_studio.scene_messages import scene_setup
+from posefuse_studio.scene_messages import image_message, page_message, poses_message, setup_message
 from posefuse_studio.state import Stream
-
-from .scene_messages import image_message, page_message, poses_message
 
 TILE_PX = 480
 # frames per second while playing: what several videos cost a small computer to decode
@@ -72,8 +70,7 @@ class ResultPlayer:
     def start(self) -> None:
         """Draw what stays, and the first moment; call in the event loop."""
         recording = self.recording
-        setup = scene_setup(recording.rig, recording.poses.skeleton)
-        self._stream.publish("setup", page_message("setup", content=setup), keep=True)
+        self._stream.publish("setup", setup_message(recording.rig, recording.poses.skeleton), keep=True)
         names = dict(zip(recording.poses.person_id.tolist(), recording.person_names, strict=True))
         self._stream.publish("labels", page_message("labels", content=names), keep=True)
         self.seek(self.playback.begin_ns / 1e9)

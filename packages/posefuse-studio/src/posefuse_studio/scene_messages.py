@@ -2,7 +2,7 @@
 
 The head has the kind, JSON values, and in ``arrays`` how many numbers each array has, in their order. Kinds:
 
-- setup: ``content`` has what stays: bones, colours, cameras, floor (see `scene_setup`). labels: people's names by id.
+- setup: ``content`` has what stays: bones, colours, cameras, floor (see `setup_message`). labels: people's names by id.
 - poses: ``t_s``, ``people`` N, ``keypoints`` K, ``ids``, ``rgba`` (alpha 0: the colours of the bones); arrays ``xyz``, (N, K, 3)
   metres, NaN where unknown, and ``shapes``, (N, K, 3, 3): L of each ellipsoid ``{x + L u : |u| <= 1}``, NaN where there is none.
 - image: ``t_s``, ``camera``, ``width``, ``height``, ``detections`` D, ``people`` N, ``keypoints`` K, ``rgba``; arrays ``seen``,
@@ -95,26 +95,27 @@ _FRUSTUM_M = 0.35
 _TRAILS = ("left_wrist", "right_wrist", "left_ankle", "right_ankle")
 
 
-def scene_setup(
+def setup_message(
     rig: Rig | None = None,
     skeleton: Skeleton | None = None,
     *,
     plots: Sequence[str] = (),
     faulty: Sequence[str] = (),
     centre_cov: Mapping[str, Array] | None = None,
-) -> dict[str, Any]:
-    """The setup message's content.
+) -> bytes:
+    """What stays of a scene.
 
     Args:
         rig: cameras to draw. skeleton: of the poses to come. plots: names of the values to come. faulty: cameras drawn in red.
         centre_cov: (3, 3) covariance of camera centres in m^2, by name; drawn as ellipsoids.
     """
-    return {
+    content = {
         "cameras": [_camera(camera, camera.name in faulty, (centre_cov or {}).get(camera.name)) for camera in rig or ()],
         "floor": _floor(rig),
         "plots": list(plots),
         **(_bones(skeleton) if skeleton is not None else {"bones": [], "bone_rgb": [], "keypoint_rgb": [], "trails": []}),
     }
+    return page_message("setup", content=content)
 
 
 def _bones(skeleton: Skeleton) -> dict[str, Any]:

@@ -200,6 +200,13 @@ def state_of(report: Report) -> tuple[str, str]:
     return {"done": "good", "failed": "bad", "lost": "bad", "cancelled": "off"}.get(report.state, "doubt"), report.state
 
 
+def page_of(job: Job) -> str:
+    """Where the result of a job is shown."""
+    if job.work == WATCH:
+        return "/calibrate" if job.arguments.get("folder") else "/"
+    return {LIVE: "/live", "calibrate": "/calibrate", "simulate_walk": "/simulate"}.get(job.work, "/recordings")
+
+
 def job_lines(studio: Studio, wanted: Callable[[Job, Report], bool], *, most: int = _MOST_JOBS, otherwise: str = "") -> None:
     """The newest jobs that are wanted, as they are now, each with what it has made; `otherwise`: words where there is none."""
 
@@ -228,7 +235,7 @@ def _job(studio: Studio, job: Job, report: Report) -> None:
     """Its title, how far it is, its newest news or its error, what it has made, and a button to cancel."""
     with ui.row().classes("pf-job-head"):
         light(*state_of(report))
-        ui.link(job.title, job.page).classes("pf-job-title")
+        ui.link(job.title, page_of(job)).classes("pf-job-title")
         ui.space()
         if not report.ended:
             icon_button("close", "Cancel", lambda: studio.jobs.cancel(job.id))

@@ -24,7 +24,7 @@ from posefuse.cli.terminal import Terminal
 from posefuse.core import ConfigError
 from posefuse.core.extras import package_of_extra
 from posefuse.realtime.config import LiveConfig
-from posefuse_teleop.settings import TeleoperationSettings
+from posefuse_teleop.settings import RosPlan, TeleoperationSettings
 
 if TYPE_CHECKING:
     from posefuse_teleop.session import Operator, Summary
@@ -124,8 +124,8 @@ class RosRobotOptions:
     ros: bool = False
     ros1: bool = False
     command: Literal["pose", "twist", "joints"] | None = None
-    base_frame: Annotated[str, Parameter(metavar="FRAME")] = "base_link"
-    controller: Annotated[str, Parameter(metavar="TOPIC")] = "/joint_trajectory_controller/joint_trajectory"
+    base_frame: Annotated[str, Parameter(metavar="FRAME")] = RosPlan.base_frame
+    controller: Annotated[str, Parameter(metavar="TOPIC")] = RosPlan.controller
     cmd_vel: Annotated[str, Parameter(metavar="TOPIC")] = ""
     cmd_vel_twist: bool = False
 
@@ -157,7 +157,6 @@ def teleoperate(
         rig: Calibration file of the cameras.
     """
     from posefuse.pipeline.config import read_changed
-    from posefuse_teleop.settings import RosPlan
 
     wanted = ros.ros or ros.ros1
     _check_used(robot, ros)
@@ -205,8 +204,6 @@ def teleoperate(
 
 def _check_used(robot: RobotOptions, ros: RosRobotOptions) -> None:
     """Raise ConfigError for an option that nothing takes."""
-    from posefuse_teleop.settings import RosPlan
-
     wanted, joints = ros.ros or ros.ros1, ros.command == "joints"
     for option, given, used, needs in (
         ("--command", ros.command, wanted, "needs --ros or --ros1"),

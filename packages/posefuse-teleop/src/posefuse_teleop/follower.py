@@ -105,12 +105,13 @@ def step_follower(
     settings: TeleoperationSettings,
     *,
     may_move: bool = True,
+    pace: float = 1.0,
     left_out: int = 0,
 ) -> Follower:
     """One control step of `dt_s`: follow the order, or brake.
 
     Args:
-        may_move: False brakes, as where the robot has a fault.
+        may_move: False brakes, as where the robot has a fault. pace: share of the ordered speed limit that it can use.
         left_out: steps that were due before and never done, as the process was late.
     """
     order, limits = follower.order, settings.limits
@@ -119,9 +120,10 @@ def step_follower(
         turns = tuple(brake(rebased(turn), turn_bounds(limits), dt_s, left_out) for turn in follower.turns)
         moves = tuple(brake(move, move_bounds(limits), dt_s, left_out) for move in follower.moves)
     else:
-        pace = order.speed_mps / limits.speed_mps
+        speed_mps = order.speed_mps * pace
+        turn_rate_radps = speed_mps / limits.speed_mps * limits.turn_rate_radps
         moves = tuple(
-            follow(move, as_vector(target), move_bounds(limits), order.speed_mps, dt_s)
+            follow(move, as_vector(target), move_bounds(limits), speed_mps, dt_s)
             for move, target in zip(follower.moves, order.xyz_world, strict=True)
         )
         turns = tuple(
@@ -129,7 +131,7 @@ def step_follower(
                 rebased(turn),
                 as_vector(rotvec_between(here, target)),
                 turn_bounds(limits),
-                pace * limits.turn_rate_radps,
+                turn_rate_radps,
                 dt_s,
             )
             for turn, here, target in zip(follower.turns, follower.wxyz, order.wxyz, strict=True)
@@ -183,10 +185,6 @@ class Robot(Protocol):
         """How the robot is now, as far as it knows; raises PosefuseError where that cannot be known."""
         ...
 
-    def pace(self) -> float:
-        """Share of the speed limit that the robot can use now, in 0..1: less near singularities."""
-        ...
-
     def move(self, wanted: Follower, dt_s: float, left_out: int = 0) -> None:
         """Go where `wanted` is, as far as joints, their limits and collisions allow; called once per control step.
 
@@ -229,11 +227,11 @@ class Driver:
         if not link:
             follower = replace(follower, order=None)
         self._late += late
-        may_move = not self.state.fault
-        wanted = step_follower(self._paced(follower), now_ns, dt_s, settings, may_move=may_move, left_out=left_out)
+        may_move, pace = not self.state.fault, self.state.pace
+        wanted = step_follower(follower, now_ns, dt_s, settings, may_move=may_move, pace=pace, left_out=left_out)
         self._robot.move(wanted, dt_s, left_out)
         now = self._robot.state()
-        self.follower = replace(_as_commanded(wanted, follower, now, dt_s), order=follower.order)
+        self.follower = _as_commanded(wanted, follower, now, dt_s)
         self.state = self._as_followed(now, now_ns)
         return self.state
 
@@ -258,12 +256,6 @@ class Driver:
             late=self._late,
             limited=follower.limited,
         )
-
-    def _paced(self, follower: Follower) -> Follower:
-        order, pace = follower.order, self._robot.pace()
-        if order is None or pace >= 1.0:
-            return follower
-        return replace(follower, order=replace(order, speed_mps=order.speed_mps * pace))
 
 
 def _as_commanded(wanted: Follower, before: Follower, robot: RobotState, dt_s: float) -> Follower:

@@ -14,7 +14,7 @@ and why. A view is compared with what was seen last of each part, however long a
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -48,6 +48,15 @@ class Beat:
     seq: int
     sent_ns: int
     grip: bool = False
+
+
+@dataclass(frozen=True, kw_only=True)
+class Pressed:
+    """What came from the switch since it was asked last. emergency: stop now, until a reset. reset: leave STOPPED."""
+
+    heartbeats: tuple[Beat, ...] = ()
+    emergency: bool = False
+    reset: bool = False
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -283,19 +292,17 @@ class Seen:
 
     Attributes:
         now_ns: of the monotonic clock. view: the operator in the newest pose; None before the first. heartbeats: of the switch.
-        cameras: newest report; None before the first. robot: newest state; None before the first.
+        pressed: what came from it last. cameras: newest report. robot: newest state; both None before the first.
         separation_share: share of the speed limit that the distance between robot and operator leaves.
-        emergency: an emergency stop is pressed. reset: leave STOPPED.
     """
 
-    now_ns: int
-    view: OperatorView | None
-    heartbeats: Heartbeats
-    cameras: CameraReport | None
-    robot: RobotState | None
-    separation_share: float
-    emergency: bool = False
-    reset: bool = False
+    now_ns: int = 0
+    view: OperatorView | None = None
+    heartbeats: Heartbeats = field(default_factory=Heartbeats)
+    pressed: Pressed = field(default_factory=Pressed)
+    cameras: CameraReport | None = None
+    robot: RobotState | None = None
+    separation_share: float = 0.0
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -342,8 +349,8 @@ def step_gate(gate: Gate, seen: Seen, settings: GateSettings) -> Gate:
     )
     fine_ns = None if found.share <= 0 else seen.now_ns if gate.fine_ns is None else gate.fine_ns
     after = replace(after, now_ns=seen.now_ns, fine_ns=fine_ns, share=0.0, reason=found.reason, engages=False)
-    if seen.emergency or (seen.robot is not None and seen.robot.fault):
-        reason = "emergency stop" if seen.emergency else f"robot: {seen.robot.fault if seen.robot else ''}"
+    if seen.pressed.emergency or (seen.robot is not None and seen.robot.fault):
+        reason = "emergency stop" if seen.pressed.emergency else f"robot: {seen.robot.fault if seen.robot else ''}"
         return replace(after, phase=Phase.STOPPED, person_id=None, let_go=False, reason=reason)
     if found.ends and gate.phase is not Phase.STOPPED:
         return replace(after, phase=Phase.IDLE, person_id=None, lost_ns=None, let_go=False)
@@ -354,7 +361,7 @@ def _next_phase(phase: Phase, after: Gate, found: Finding, seen: Seen) -> Gate:
     now_ns, fine = seen.now_ns, found.share > 0
     let_go = seen.heartbeats.let_go(now_ns)
     if phase is Phase.STOPPED:
-        if seen.reset and let_go:
+        if seen.pressed.reset and let_go:
             return replace(after, phase=Phase.IDLE, let_go=True)
         return replace(after, reason="stopped; reset with the switch let go")
     held = seen.heartbeats.held(now_ns)

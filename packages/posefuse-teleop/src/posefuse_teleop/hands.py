@@ -39,25 +39,27 @@ def operator_view(
     """
     ids = [int(one) for one in pose.person_id]
     n = (0 if ids else None) if person_id is None else ids.index(person_id) if person_id in ids else None
-    if n is None:
-        return _no_person(pose.t_ns, measured_ns, len(hands))
     names = pose.skeleton.keypoints
-    xyz, sigma = pose.xyz_world[n], _worst_sigma(pose.cov_world[n])
+    if n is None:
+        person, xyz, sigma = -1, np.full((len(names), 3), np.nan), np.full(len(names), np.nan)
+        views = measured = np.zeros(len(names), np.bool_)
+    else:
+        person, xyz, sigma = ids[n], pose.xyz_world[n], _worst_sigma(pose.cov_world[n])
+        views, measured = pose.n_views[n], (pose.kind[n] != Kind.MISSING) & (pose.kind[n] != Kind.PREDICTED)
     wrists = [names.index(f"{side}_wrist") for side in hands]
     others = [names.index(f"{'left' if side == 'right' else 'right'}_wrist") for side in hands]
     elbows = [names.index(f"{side}_elbow") for side in hands]
-    measured = (pose.kind[n] != Kind.MISSING) & (pose.kind[n] != Kind.PREDICTED)
     per_point = np.concatenate([xyz, sigma[:, None], measured[:, None]], axis=-1)
     body = pick_keypoints(per_point, pose.skeleton, BODY)
     return OperatorView(
         t_ns=pose.t_ns,
         measured_ns=measured_ns,
-        person_id=ids[n],
+        person_id=person,
         xyz_world=xyz[wrists],
         sigma_m=sigma[wrists],
-        views=pose.n_views[n, wrists],
+        views=views[wrists],
         measured=measured[wrists],
-        rotation_world=_forearms(joints, ids[n], hands),
+        rotation_world=_forearms(joints, person, hands),
         other_xyz_world=xyz[others],
         forearm_m=np.linalg.norm(xyz[wrists] - xyz[elbows], axis=-1),
         body_xyz_world=body[:, :3],
@@ -89,22 +91,3 @@ def _forearms(joints: JointAngles | None, person_id: int, hands: tuple[str, ...]
 def _raised(xyz: Array, names: tuple[str, ...], side: str) -> bool:
     """Wrist above its shoulder; False where either is missing."""
     return bool(xyz[names.index(f"{side}_wrist"), 2] > xyz[names.index(f"{side}_shoulder"), 2])
-
-
-def _no_person(t_ns: int, measured_ns: int, hands: int) -> OperatorView:
-    nan = np.full((len(BODY), 3), np.nan)
-    return OperatorView(
-        t_ns=t_ns,
-        measured_ns=measured_ns,
-        person_id=-1,
-        xyz_world=nan[:hands],
-        sigma_m=nan[:hands, 0],
-        views=np.zeros(hands),
-        measured=np.zeros(hands),
-        rotation_world=np.full((hands, 3, 3), np.nan),
-        other_xyz_world=nan[:hands],
-        forearm_m=nan[:hands, 0],
-        body_xyz_world=nan,
-        body_sigma_m=nan[:, 0],
-        body_measured=np.zeros(len(BODY)),
-    )

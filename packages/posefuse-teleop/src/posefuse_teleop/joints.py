@@ -93,6 +93,7 @@ class Joints:
             measured_xyz_world=ends,
             q_rad=self.q,
             spheres_world=spheres,
+            pace=self.ik.pace(),
             fault=fault or self._not_following(measured, ends - place @ self._here),
         )
 

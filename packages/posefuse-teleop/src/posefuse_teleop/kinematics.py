@@ -10,7 +10,7 @@ Tournassoud 1987); the program is solved by DAQP (Arnström et al. 2022).
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -21,14 +21,6 @@ from posefuse.core.extras import package_of_extra
 
 from .mapping import rotvec_between
 from .settings import SLOW_CONDITION, STOP_CONDITION, LimitSettings
-
-
-class Gap(NamedTuple):
-    """Two geoms near each other. pair: index. distance_m: negative where they overlap. row: (n,) its change per joint step."""
-
-    pair: int
-    distance_m: float
-    row: Array
 
 
 class Chain:
@@ -131,9 +123,9 @@ class Chain:
             found[i] = self._mj.mj_geomDistance(self.model, self._data, a, b, watch_m, None)
         return found
 
-    def gaps(self, watch_m: float) -> list[Gap]:
-        """All pairs nearer than `watch_m`, with how their distance changes."""
-        found = []
+    def gaps(self, watch_m: float) -> tuple[Array, Array]:
+        """(C,) distances of the pairs nearer than `watch_m`, negative where they overlap; (C, n) their change per joint step."""
+        distances, rows = [], []
         self._mj.mj_comPos(self.model, self._data)
         fromto, one, other = np.zeros(6), np.zeros((3, self.model.nv)), np.zeros((3, self.model.nv))
         for i in self._near(watch_m):
@@ -144,8 +136,9 @@ class Chain:
             normal = (fromto[3:] - fromto[:3]) / distance
             self._mj.mj_jac(self.model, self._data, one, None, fromto[:3], self.model.geom_bodyid[a])
             self._mj.mj_jac(self.model, self._data, other, None, fromto[3:], self.model.geom_bodyid[b])
-            found.append(Gap(int(i), float(distance), (normal @ (other - one))[self.dofs]))
-        return found
+            distances.append(float(distance))
+            rows.append((normal @ (other - one))[self.dofs])
+        return np.array(distances), np.array(rows).reshape(-1, len(self.joints))
 
     def travel_m(self, step: Array) -> Array:
         """(P,) by how much a joint step (n,) changes the distance of each pair at most."""
@@ -360,11 +353,8 @@ class WholeBodyIk:
     def _apart(self, dt_s: float) -> tuple[Array, Array]:
         """Linear constraints rows @ step >= least that keep pairs of bodies apart: (C, n), (C,)."""
         limits = self._limits
-        gaps = self.chain.gaps(_WATCH_M)
-        if not gaps:
-            return np.zeros((0, len(self.low))), np.zeros(0)
-        left = np.array([gap.distance_m - limits.collision_m for gap in gaps])
-        return np.array([gap.row for gap in gaps]), -_braking_step(left, _EARLY * limits.acceleration_mps2 * dt_s**2)
+        distances, rows = self.chain.gaps(_WATCH_M)
+        return rows, -_braking_step(distances - limits.collision_m, _EARLY * limits.acceleration_mps2 * dt_s**2)
 
 
 def _per_joint(chain: Chain, name: str, arm: float | tuple[float, ...], base: float) -> Array:

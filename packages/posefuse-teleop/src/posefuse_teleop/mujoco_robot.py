@@ -7,7 +7,6 @@ about z, y, z, y, z, y, z from the shoulder to the hand.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -67,10 +66,6 @@ class MujocoRobot:
         """See `Robot`."""
         fault = "" if np.isfinite(self.data.qpos).all() else "the simulation diverged"
         return self.joints.state(self.data.qpos[self.joints.chain.qpos], fault)
-
-    def pace(self) -> float:
-        """See `Robot`."""
-        return self.joints.ik.pace()
 
     def move(self, wanted: Follower, dt_s: float, left_out: int = 0) -> None:
         """See `Robot`; physics for `dt_s`."""
@@ -133,19 +128,7 @@ def placed(position_xy_m: tuple[float, float], heading_deg: float) -> SE3:
     return SE3.from_rotvec([0.0, 0.0, np.deg2rad(heading_deg)], [*position_xy_m, 0.0])
 
 
-@dataclass(frozen=True, kw_only=True)
-class Thing:
-    """A box in the scene. size_m: full edges. xyz_m: centre. moves: has mass and can be carried."""
-
-    name: str
-    size_m: tuple[float, float, float]
-    xyz_m: tuple[float, float, float]
-    rgba: str = "0.6 0.6 0.6 1"
-    moves: bool = False
-    mass_kg: float = 0.3
-
-
-def mobile_manipulator(hands: Sequence[str] = ("right",), things: Sequence[Thing] = ()) -> str:
+def mobile_manipulator(hands: Sequence[str] = ("right",)) -> str:
     """MJCF text. Each hand is a site ``right_hand`` or ``left_hand`` at the tip of its suction gripper."""
     mounts = {1: (0.0,), 2: (-0.2, 0.2)}[len(hands)]
     ordered = sorted(hands, key=lambda side: side != "right")
@@ -157,7 +140,6 @@ def mobile_manipulator(hands: Sequence[str] = ("right",), things: Sequence[Thing
     cups = "".join(f'<adhesion name="{side}_grip" body="{side}_cup" ctrlrange="0 1" gain="40"/>' for side in ordered)
     wheels = "".join(_wheel(x, y) for x in (0.12, -0.3) for y in (0.25, -0.25))
     home = " ".join(map(str, (0, 0, 0, *(ARM_HOME_RAD * len(ordered)))))
-    free = "".join(f" {' '.join(map(str, thing.xyz_m))} 1 0 0 0" for thing in things if thing.moves)
     return f"""<mujoco model="posefuse mobile manipulator">
   <compiler angle="radian"/>
   <option timestep="0.001" integrator="implicitfast" cone="elliptic" impratio="10"/>
@@ -171,7 +153,6 @@ def mobile_manipulator(hands: Sequence[str] = ("right",), things: Sequence[Thing
   <worldbody>
     <light pos="0 0 4" dir="0 0 -1" diffuse="0.5 0.5 0.5"/>
     <geom name="floor" type="plane" size="6 6 0.1" material="grid"/>
-    {"".join(_thing(thing) for thing in things)}
     <body name="base" pos="0 0 0" gravcomp="1">
       <joint name="base_x" type="slide" axis="1 0 0"/><joint name="base_y" type="slide" axis="0 1 0"/>
       <joint name="base_yaw" type="hinge" axis="0 0 1"/>
@@ -187,7 +168,7 @@ def mobile_manipulator(hands: Sequence[str] = ("right",), things: Sequence[Thing
     <position name="base_yaw" joint="base_yaw" kp="{_BASE_TURN_KP:g}" dampratio="1"/>
     {arm_motors}{cups}
   </actuator>
-  <keyframe><key name="home" qpos="{free} {home}"/></keyframe>
+  <keyframe><key name="home" qpos="{home}"/></keyframe>
 </mujoco>"""
 
 
@@ -214,12 +195,3 @@ def _arm(side: str, y: float) -> str:
         f'<site name="{side}_hand" pos="0 0 0.02" size="0.01" rgba="1 0.2 0.2 1"/></body>'
     )
     return text + cup + closing
-
-
-def _thing(thing: Thing) -> str:
-    size = " ".join(f"{edge / 2:g}" for edge in thing.size_m)
-    place = " ".join(f"{one:g}" for one in thing.xyz_m)
-    mass = f'mass="{thing.mass_kg:g}" friction="1 0.05 0.01"' if thing.moves else ""
-    joint = "<freejoint/>" if thing.moves else ""
-    geom = f'<geom name="{thing.name}" type="box" size="{size}" rgba="{thing.rgba}" {mass}/>'
-    return f'<body name="{thing.name}" pos="{place}">{joint}{geom}</body>'

@@ -208,10 +208,6 @@ class RosJoints:
         silent = self._renewals.age_s([self.needs]) > _STATE_S
         return self.joints.state(self._measured, f"nothing on {self.needs} for {_STATE_S:g} s" if silent else "")
 
-    def pace(self) -> float:
-        """See `Robot`."""
-        return self.joints.ik.pace()
-
     def move(self, wanted: Follower, dt_s: float, left_out: int = 0) -> None:
         """See `Robot`."""
         q, rates = self.joints.follow(wanted, dt_s, left_out), self.joints.step / dt_s
@@ -263,7 +259,10 @@ class RosJoints:
 
 
 class RosCartesian:
-    """Poses or twists for a controller with its own inverse kinematics (`follower.Robot`). needs: the source of its position."""
+    """Poses or twists for a controller with its own inverse kinematics (`follower.Robot`). needs: the source of its position.
+
+    Singularities are that controller's business: it may always be as fast as the limit.
+    """
 
     def __init__(self, node: Any, plan: RosPlan, command: str, frames: tuple[str, ...], place: SE3) -> None:
         self._node, self._plan, self._frames, self._place = node, plan, frames, place
@@ -299,10 +298,6 @@ class RosCartesian:
             spheres_world=np.concatenate([_row_of_spheres(self._place.xyz, end) for end in measured]),
             fault=self._fault(*ends),
         )
-
-    def pace(self) -> float:
-        """See `Robot`: singularities are the controller's business."""
-        return 1.0
 
     def move(self, wanted: Follower, dt_s: float, left_out: int = 0) -> None:
         """See `Robot`."""

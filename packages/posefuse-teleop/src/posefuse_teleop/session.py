@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import time
 from collections import Counter, deque
 from collections.abc import Callable, Sequence
@@ -13,7 +14,7 @@ import numpy as np
 from posefuse.core import PosefuseError
 from posefuse.core.live_messages import OK
 
-from .gate import Beat, Gate, Heartbeats, Seen, speed_mps, step_gate
+from .gate import Gate, Pressed, Seen, speed_mps, step_gate
 from .hands import operator_view
 from .mapping import Clutch, Steady, engaged, moved, steadied
 from .separation import OperatorBody, remembered, separation_m, speed_share
@@ -24,30 +25,26 @@ if TYPE_CHECKING:
     from posefuse.api.live import LiveSession, Newest
 
     from .process import RobotLink
-    from .switches import DeadMan, Pressed
+    from .switches import DeadMan
 
 _NEWEST = 100_000
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class Operator:
-    """State of the operator's side.
+class Operator(Seen):
+    """State of the operator's side: what the gate goes by, and the states of the parts.
 
     Attributes:
-        gate, heartbeats, clutch, body, steady: states of the parts; the clutch is None before the first engagement, steady
-            before the first view.
-        view, cameras, robot: newest of each. separation_m: least distance of robot and operator; NaN: not known.
+        gate, clutch, body, steady: states of the parts; the clutch is None before the first engagement, steady before the
+            first view.
+        separation_m: least distance of robot and operator; NaN: not known.
     """
 
     gate: Gate = field(default_factory=Gate)
-    heartbeats: Heartbeats = field(default_factory=Heartbeats)
     body: OperatorBody = field(default_factory=OperatorBody.unknown)
     clutch: Clutch | None = None
     steady: Steady | None = None
-    view: OperatorView | None = None
-    cameras: CameraReport | None = None
-    robot: RobotState | None = None
-    separation_m: float = float("nan")
+    separation_m: float = math.nan
     seq: int = 0
 
 
@@ -56,49 +53,39 @@ class OperatorNews:
     """What came since the last step: newest of each, None where there is nothing new; heartbeats in the order they came."""
 
     view: OperatorView | None = None
-    heartbeats: tuple[Beat, ...] = ()
+    pressed: Pressed = field(default_factory=Pressed)
     cameras: CameraReport | None = None
     robot: RobotState | None = None
-    emergency: bool = False
-    reset: bool = False
 
 
 def step_operator(
     operator: Operator, news: OperatorNews, now_ns: int, settings: TeleoperationSettings
 ) -> tuple[Operator, Order | None]:
     """Take in what is new and decide: the new state, and the order for the robot; None before its first state is known."""
-    heartbeats = operator.heartbeats
-    for beat in news.heartbeats:
+    heartbeats, body, steady, apart_m = operator.heartbeats, operator.body, operator.steady, math.nan
+    for beat in news.pressed.heartbeats:
         heartbeats = heartbeats.with_beat(beat, now_ns)
-    operator = replace(
-        operator,
-        heartbeats=heartbeats,
-        view=news.view or operator.view,
-        cameras=news.cameras or operator.cameras,
-        robot=news.robot or operator.robot,
-        separation_m=float("nan"),
-        seq=operator.seq + 1,
-    )
     if news.view is not None:
         # the gate goes by the hand as it was measured, the target by the steady one
-        operator = replace(operator, body=remembered(operator.body, news.view), steady=steadied(operator.steady, news.view))
-    share = 1.0
-    if settings.robot.shared:
-        if operator.robot is not None:
-            spheres = operator.robot.spheres_world
-            operator = replace(operator, separation_m=separation_m(operator.body, spheres, now_ns, settings.separation))
-        share = speed_share(operator.separation_m, settings.separation)
-    seen = Seen(
+        body, steady = remembered(body, news.view), steadied(steady, news.view)
+    robot = news.robot or operator.robot
+    if settings.robot.shared and robot is not None:
+        apart_m = separation_m(body, robot.spheres_world, now_ns, settings.separation)
+    operator = replace(
+        operator,
         now_ns=now_ns,
-        view=operator.view,
+        view=news.view or operator.view,
         heartbeats=heartbeats,
-        cameras=operator.cameras,
-        robot=operator.robot,
-        separation_share=share,
-        emergency=news.emergency,
-        reset=news.reset,
+        pressed=news.pressed,
+        cameras=news.cameras or operator.cameras,
+        robot=robot,
+        body=body,
+        steady=steady,
+        separation_m=apart_m,
+        separation_share=speed_share(apart_m, settings.separation) if settings.robot.shared else 1.0,
+        seq=operator.seq + 1,
     )
-    operator = replace(operator, gate=step_gate(operator.gate, seen, settings.gate))
+    operator = replace(operator, gate=step_gate(operator.gate, operator, settings.gate))
     operator = replace(operator, clutch=_clutch(operator, settings))
     return operator, _order(operator, settings, now_ns)
 
@@ -186,8 +173,12 @@ def run_control_loop(
             session.wait_newer(-1 if found is None else found.message.pose.t_ns, period_s)
             now_ns, found = time.monotonic_ns(), session.newest()
             view = None if found is None else _view(found, operator, settings)
-            pressed = deadman.poll(now_ns, view)
-            news = _news(view if view is not None and view.t_ns != used_ns else None, pressed, found, robot)
+            news = OperatorNews(
+                view=view if view is not None and view.t_ns != used_ns else None,
+                pressed=deadman.poll(now_ns, view),
+                cameras=_camera_report(found) if found is not None and found.cameras else None,
+                robot=robot.poll(),
+            )
             operator, order = step_operator(operator, news, now_ns, settings)
             used_ns = operator.view.t_ns if operator.view is not None else None
             if order is not None:
@@ -205,17 +196,6 @@ def _view(found: Newest, operator: Operator, settings: TeleoperationSettings) ->
     live = found.message
     view = operator_view(live.pose, settings.hands, operator.gate.person_id, found.measured_ns, live.joints)
     return replace(view, t_ns=found.t_ns)
-
-
-def _news(view: OperatorView | None, pressed: Pressed, found: Newest | None, robot: RobotLink) -> OperatorNews:
-    return OperatorNews(
-        view=view,
-        heartbeats=pressed.heartbeats,
-        cameras=_camera_report(found) if found is not None and found.cameras else None,
-        robot=robot.poll(),
-        emergency=pressed.emergency,
-        reset=pressed.reset,
-    )
 
 
 def _count(summary: Summary, operator: Operator, robot: RobotLink, image_ns: int) -> int:

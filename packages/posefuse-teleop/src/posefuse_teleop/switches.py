@@ -13,7 +13,6 @@ import threading
 import time
 from collections import deque
 from collections.abc import Callable
-from dataclasses import dataclass
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from importlib.resources import files
 from typing import Any, Protocol
@@ -21,21 +20,12 @@ from typing import Any, Protocol
 from posefuse.core import ConfigError, MessageError, SourceError
 from posefuse.core.extras import package_of_extra
 
-from .gate import Beat
+from .gate import Beat, Pressed
 from .settings import AHEAD_S, RosPlan
 from .values import OperatorView
 
 _MOST_JOY_BYTES = 10_000
 _JOY = "sensor_msgs/msg/Joy"
-
-
-@dataclass(frozen=True, kw_only=True)
-class Pressed:
-    """What came since the last poll. emergency: stop now, until a reset. reset: leave STOPPED."""
-
-    heartbeats: tuple[Beat, ...] = ()
-    emergency: bool = False
-    reset: bool = False
 
 
 class DeadMan(Protocol):
@@ -55,7 +45,17 @@ class DeadMan(Protocol):
         ...
 
 
-class KeySwitch:
+class _Counting:
+    """Numbers heartbeats, and remembers what the gripper is to do."""
+
+    _seq, _grip = 0, False
+
+    def _beat(self, sent_ns: int) -> Beat:
+        self._seq += 1
+        return Beat(seq=self._seq, sent_ns=sent_ns, grip=self._grip)
+
+
+class KeySwitch(_Counting):
     """Space held: follow. ``g``: gripper. ``x``: emergency stop. ``r``: reset (`DeadMan`).
 
     It goes by the key repeat of a terminal, which reports no release: a held key repeats 20 to 40 times a second.
@@ -65,7 +65,7 @@ class KeySwitch:
 
     def __init__(self, stream: Any = None) -> None:
         self._stream = sys.stdin if stream is None else stream
-        self._seq, self._grip, self._before = 0, False, None
+        self._before = None
         try:
             import termios
             import tty
@@ -73,10 +73,9 @@ class KeySwitch:
             self._fd = self._stream.fileno()
             self._before = termios.tcgetattr(self._fd)
             tty.setcbreak(self._fd)
-        except (ImportError, OSError, ValueError, AttributeError) as error:
-            raise SourceError(f"--deadman key: no terminal to read keys from ({error}); use web or joystick:DEVICE") from None
-        except Exception as error:  # termios.error is no OSError
-            if type(error).__module__ != "termios":
+        except Exception as error:
+            # termios.error is no OSError
+            if not isinstance(error, (ImportError, OSError, ValueError, AttributeError)) and type(error).__module__ != "termios":
                 raise
             raise SourceError(f"--deadman key: no terminal to read keys from ({error}); use web or joystick:DEVICE") from None
 
@@ -89,10 +88,7 @@ class KeySwitch:
                 break
             typed += more
         self._grip ^= typed.count(b"g") % 2 == 1
-        heartbeats: tuple[Beat, ...] = ()
-        if b" " in typed:
-            self._seq += 1
-            heartbeats = (Beat(seq=self._seq, sent_ns=now_ns, grip=self._grip),)
+        heartbeats = (self._beat(now_ns),) if b" " in typed else ()
         return Pressed(heartbeats=heartbeats, emergency=b"x" in typed, reset=b"r" in typed)
 
     def close(self) -> None:
@@ -111,7 +107,7 @@ _BUTTON, _INITIAL = 0x01, 0x80
 _HOLD, _GRIP, _STOP, _RESET = 0, 1, 2, 3
 
 
-class JoystickSwitch:
+class JoystickSwitch(_Counting):
     """Button 0 of a joystick of Linux held: follow. 1: gripper. 2: emergency stop. 3: reset (`DeadMan`).
 
     A button that is held sends no events. So a joystick out of reach looks like one that is held: it counts as held until the
@@ -125,8 +121,7 @@ class JoystickSwitch:
             self._fd = os.open(device, os.O_RDONLY | os.O_NONBLOCK)
         except OSError as error:
             raise SourceError(f"--deadman joystick:{device}: cannot be opened ({error.strerror})") from None
-        self._held = self._grip = False
-        self._seq, self._rest = 0, b""
+        self._held, self._rest = False, b""
 
     def poll(self, now_ns: int, view: OperatorView | None) -> Pressed:
         """See `DeadMan`; an unplugged device counts as released."""
@@ -152,10 +147,7 @@ class JoystickSwitch:
                     went_down.add(number)
             self._rest = self._rest[whole:]
         self._grip ^= _GRIP in went_down
-        heartbeats: tuple[Beat, ...] = ()
-        if self._held and self._fd >= 0:
-            self._seq += 1
-            heartbeats = (Beat(seq=self._seq, sent_ns=now_ns, grip=self._grip),)
+        heartbeats = (self._beat(now_ns),) if self._held and self._fd >= 0 else ()
         return Pressed(heartbeats=heartbeats, emergency=_STOP in went_down, reset=_RESET in went_down)
 
     def close(self) -> None:
@@ -170,7 +162,7 @@ _MOST_BYTES = 2000
 _REMEMBER = 1000
 
 
-class RosJoySwitch:
+class RosJoySwitch(_Counting):
     """Button 0 of `sensor_msgs/Joy` held: follow. 1: gripper. 2: emergency stop. 3: reset (`DeadMan`).
 
     Each message with the button down is a heartbeat; joy_node repeats at 20 Hz by default.
@@ -184,7 +176,7 @@ class RosJoySwitch:
         self._node = ros.node("posefuse_deadman")
         self._reader = self._node.reader(package_of_extra("posefuse_ros.topics", "ros").Topic(topic, _JOY, depth=10))
         self._decode = package_of_extra("posefuse_ros.types", "ros").decode
-        self._seq, self._grip, self._down = 0, False, frozenset[int]()
+        self._down = frozenset[int]()
 
     def poll(self, now_ns: int, view: OperatorView | None) -> Pressed:
         """See `DeadMan`; unreadable messages count as released."""
@@ -200,12 +192,11 @@ class RosJoySwitch:
             self._grip ^= 1 in down - self._down
             self._down = down
             if 0 in down:
-                self._seq += 1
                 sent_ns = sample.sent_ns - offset_ns
                 # a stamp a little ahead is of now: clocks of two machines differ
                 if sent_ns <= now_ns + AHEAD_S * 1e9:
                     sent_ns = min(sent_ns, now_ns)
-                heartbeats.append(Beat(seq=self._seq, sent_ns=sent_ns, grip=self._grip))
+                heartbeats.append(self._beat(sent_ns))
         return Pressed(heartbeats=tuple(heartbeats), emergency=2 in events, reset=3 in events)
 
     def close(self) -> None:
@@ -300,7 +291,7 @@ class WebSwitch:
         return Handler
 
 
-class GestureSwitch:
+class GestureSwitch(_Counting):
     """The other hand raised above its shoulder: follow (`DeadMan`).
 
     For simulated robots, because it comes through the cameras it is to guard against.
@@ -309,14 +300,14 @@ class GestureSwitch:
     hint = "raise the other hand above its shoulder to move; Ctrl-C: end"
 
     def __init__(self) -> None:
-        self._seq, self._t_ns = 0, -1
+        self._t_ns = -1
 
     def poll(self, now_ns: int, view: OperatorView | None) -> Pressed:
         """See `DeadMan`: one heartbeat for each new pose that shows the gesture."""
         if view is None or view.t_ns <= self._t_ns or not view.gesture:
             return Pressed()
-        self._seq, self._t_ns = self._seq + 1, view.t_ns
-        return Pressed(heartbeats=(Beat(seq=self._seq, sent_ns=min(view.measured_ns, now_ns)),))
+        self._t_ns = view.t_ns
+        return Pressed(heartbeats=(self._beat(min(view.measured_ns, now_ns)),))
 
     def close(self) -> None:
         """See `DeadMan`."""

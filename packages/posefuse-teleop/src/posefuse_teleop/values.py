@@ -87,6 +87,7 @@ class RobotState:
         measured_xyz_world: (H, 3) end effectors as they are. q_rad: (J,) joints as commanded (base: metres).
         spheres_world: (M, 4) centre and radius of spheres that cover the robot. fault: why it cannot move; empty when it can.
         sent_ns: when. order_seq: of the order that was carried out last. order_measured_ns: its `measured_ns`.
+        pace: share of the speed limit that the robot can use now, in 0..1: less near singularities.
         late: control steps that were. limited: what the robot's side slows down or stops for, for people.
     """
 
@@ -101,6 +102,7 @@ class RobotState:
     sent_ns: int = 0
     order_seq: int = -1
     order_measured_ns: int = 0
+    pace: float = 1.0
     late: int = 0
     limited: str = ""
 

@@ -36,7 +36,7 @@ from posefuse_studio.calibrations import (
 )
 from posefuse_studio.jobs import WATCH, Job, Report
 from posefuse_studio.scene import RigScene
-from posefuse_studio.scene_messages import page_message, scene_setup
+from posefuse_studio.scene_messages import setup_message
 from posefuse_studio.setups import Setup, presets, save_setup, setup_named
 from posefuse_studio.shell import (
     camera_tiles,
@@ -259,7 +259,7 @@ class _Guide:
         project = self._project
         lenses = step == "extrinsics" and not project.lenses
         arguments = {"folder": project.folder, "step": step, "target": project.target(step), "lenses": lenses, **more}
-        self._studio.jobs.start(work, text, arguments, page="/calibrate")
+        self._studio.jobs.start(work, text, arguments)
 
     def _record(self, step: Step) -> None:
         name = new_recording(self._studio.workspace, self._project, step)
@@ -300,8 +300,7 @@ class _Guide:
             light("bad", str(error))
             return
         cov = {camera: np.asarray(one) * _LARGER**2 for camera, one in placed.position_cov_m2.items()}
-        setup = page_message("setup", content=scene_setup(rig, centre_cov=cov))
-        self._studio.streams[self._stream].publish("setup", setup, keep=True)
+        self._studio.streams[self._stream].publish("setup", setup_message(rig, centre_cov=cov), keep=True)
         with card("The rig"):
             with ui.element("div").classes("pf-stage"):
                 RigScene(self._stream)

@@ -10,7 +10,7 @@ from nicegui import ui
 
 from posefuse.core import InputError
 from posefuse_studio.jobs import WATCH
-from posefuse_studio.setups import Found, Setup, delete_setup, found_sources, presets, save_setup, setup_named
+from posefuse_studio.setups import Setup, delete_setup, found_sources, presets, save_setup, setup_named
 from posefuse_studio.shell import camera_tiles, card, dialog, icon_button, job_lines, recent, redrawn, refused, small, title
 from posefuse_studio.state import Studio
 from posefuse_studio.workspace import MOST_UPLOAD_BYTES, check_name
@@ -69,7 +69,7 @@ class _Chooser:
                     with ui.row().classes("items-center gap-2 no-wrap w-full"):
                         ui.icon(one.icon).classes("text-primary")
                         ui.label(one.text).classes("pf-grow")
-                        icon_button("add", f"Add {one.text}", lambda one=one: self._add(one))
+                        icon_button("add", f"Add {one.text}", lambda one=one: self._add(one.name, one.source))
                 if not found:
                     small("No camera on USB, no video and no scene in the workspace.")
 
@@ -82,7 +82,7 @@ class _Chooser:
             text = (what.value or "").strip()
             if not text.startswith(_KINDS):
                 raise InputError(f"Expected an address that begins with {', '.join(_KINDS)}")
-            self._add(Found(text=text, source=text, name=f"cam{len(self._sources) + 1}", icon="lan"))
+            self._add(f"cam{len(self._sources) + 1}", text)
             what.set_value("")
 
         with card("By address"):
@@ -102,15 +102,15 @@ class _Chooser:
 
     async def _uploaded(self, event: Any) -> None:
         name = await self._studio.workspace.upload("videos", event.file.name, event.file.iterate())
-        self._add(Found(text=name, source=f"video:{name}", name=event.file.name.rpartition(".")[0][:40], icon="movie"))
+        self._add(event.file.name.rpartition(".")[0][:40], f"video:{name}")
 
-    def _add(self, one: Found) -> None:
-        stem, number = one.name.replace(" ", "_"), 1
+    def _add(self, name: str, source: str) -> None:
+        stem, number = name.replace(" ", "_"), 1
         name = stem
         while name in self._sources:
             number += 1
             name = f"{stem}_{number}"
-        self._sources[name] = one.source
+        self._sources[name] = source
         self._draw()
 
     def _rows(self, sources: Mapping[str, str]) -> None:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import asyncio
 import dataclasses
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
 from pathlib import PurePosixPath
 from typing import Any
 
@@ -16,8 +15,7 @@ import posefuse as pf
 from posefuse.core import JointAngles, PosefuseError
 from posefuse.core.arrays import Array
 from posefuse.core.joint_angles import angle_labels
-from posefuse.core.palette import LEFT, MIDDLE, RIGHT
-from posefuse.core.skeleton import SIDES
+from posefuse.core.palette import colour_of
 from posefuse.foundation.parsing import plain
 from posefuse.foundation.plugins import list_plugins
 from posefuse_studio.player import ResultPlayer, angles_and_strikes, open_recording
@@ -153,8 +151,9 @@ class _Recording:
     def _redraw(self) -> None:
         n = self._person.value
         strikes = self._strikes[n] if self._strikes and n is not None else {}
-        curves = [] if n is None or self._joints is None else [_curve(self._joints, n, text) for text in self._chosen.value]
-        self._timeline.show(self._player.times_s, curves, strikes, "°", "No person was seen." if n is None else self._empty)
+        joints = self._joints
+        curves = {} if n is None or joints is None else {text: _degrees(joints, n, text) for text in self._chosen.value}
+        self._timeline.show(self._player.times_s, curves, strikes, "No person was seen." if n is None else self._empty)
 
     def _follow(self) -> None:
         """Bring what shows the time up to date."""
@@ -176,7 +175,7 @@ def _output_card(studio: Studio, name: str, recording: pf.Recording) -> None:
     formats = [one.name for one in list_plugins("outputs") if one.config is not None]
 
     def start(work: str, what: str, **more: object) -> None:
-        studio.jobs.start(work, f"{what} of {name}", {"result": name, **more}, page="/recordings")
+        studio.jobs.start(work, f"{what} of {name}", {"result": name, **more})
 
     def export() -> None:
         out = workspace.free_name("exports", recording_place(name).stem)
@@ -194,11 +193,10 @@ def _output_card(studio: Studio, name: str, recording: pf.Recording) -> None:
             ui.button("Export", icon="file_download", on_click=export)
 
 
-def _curve(joints: JointAngles, n: int, text: str) -> Curve:
-    """An angle of the person at place n, by the words that choose it."""
+def _degrees(joints: JointAngles, n: int, text: str) -> Array:
+    """(T,) an angle of the person at place n, by the words that choose it."""
     joint, angle = text.split(" ", 1)
-    side = joint.split("_")[0]
-    return Curve(words(text), joints.of(int(joints.person_id[n]))[joint, angle].deg, side if side in SIDES else "mid")
+    return joints.of(int(joints.person_id[n]))[joint, angle].deg
 
 
 _ALL = "all cameras (a bad stretch)"
@@ -309,11 +307,10 @@ class EditCard:
         # without the "./" of a recording at the top
         out = PurePosixPath(workspace.free_name(parent, self._out.value)).as_posix()
         arguments = {"result": self._name, "out": out, "edits": plain(dataclasses.asdict(self.edits))}
-        self._studio.jobs.start("solve", f"Solve {self._name} again", arguments, page="/recordings")
+        self._studio.jobs.start("solve", f"Solve {self._name} again", arguments)
         ui.notify(f"Solving again into {out}")
 
 
-COLOURS = {"left": LEFT.on_light, "right": RIGHT.on_light, "mid": MIDDLE.on_light}
 _MOST_POINTS = 600
 # of the curves within the element; the style has the same
 _GRID = {"left": 52, "right": 12, "top": 30, "bottom": 30}
@@ -321,15 +318,6 @@ _GREY, _FONT = "#78909c", {"color": "#78909c", "fontSize": 13}
 _ABOUT = "Timeline: arrows go frame by frame, page keys by a second, space plays and pauses"
 # the place of the pointer as a share of the width, while a button is pressed
 _POINTED = "(event) => event.buttons && emit(event.offsetX / event.currentTarget.clientWidth)"
-
-
-@dataclass(frozen=True, eq=False)
-class Curve:
-    """Values (T,) with a name; `side`: ``left``, ``right`` or ``mid``, which gives its colour."""
-
-    name: str
-    values: Array
-    side: str = "mid"
 
 
 class CurveTimeline:
@@ -363,10 +351,10 @@ class CurveTimeline:
         """The other way round."""
         return min(max((t_s - self._begin_s) / (self._end_s - self._begin_s), 0.0), 1.0)
 
-    def show(self, t_s: Array, curves: Sequence[Curve], strikes: Mapping[str, Array], unit: str, empty: str = "") -> None:
+    def show(self, t_s: Array, curves: Mapping[str, Array], strikes: Mapping[str, Array], empty: str = "") -> None:
         """Draw curves and foot strikes; see `chart_options`."""
         self._chart.options.clear()
-        self._chart.options.update(chart_options((self._begin_s, self._end_s), t_s, curves, strikes, unit, empty))
+        self._chart.options.update(chart_options((self._begin_s, self._end_s), t_s, curves, strikes, empty))
         self._chart.update()
 
     def move(self, t_s: float) -> None:
@@ -386,26 +374,27 @@ class CurveTimeline:
 
 
 def chart_options(
-    span_s: tuple[float, float], t_s: Array, curves: Sequence[Curve], strikes: Mapping[str, Array], unit: str, empty: str = ""
+    span_s: tuple[float, float], t_s: Array, curves: Mapping[str, Array], strikes: Mapping[str, Array], empty: str = ""
 ) -> dict[str, Any]:
     """Curves over time with gaps where values are missing, foot strikes as ticks at the bottom.
 
     Args:
-        span_s: from, to. t_s: (T,) session seconds. strikes: by side, session seconds. empty: the text where there is no curve.
+        span_s: from, to. t_s: (T,) session seconds. curves: (T,) degrees by the name of the angle, whose side gives the colour.
+        strikes: by side, session seconds. empty: the text where there is no curve.
     """
-    known = np.concatenate([one.values[np.isfinite(one.values)] for one in curves] or [np.zeros(0)])
+    known = np.concatenate([one[np.isfinite(one)] for one in curves.values()] or [np.zeros(0)])
     low, high = (float(known.min()), float(known.max())) if len(known) else (-1.0, 1.0)
     room = 0.08 * (high - low) + 1e-3
     # of a long recording every n-th value
     every = max(1, len(t_s) // _MOST_POINTS)
     lines: list[dict[str, Any]] = [
-        {"type": "line", "name": one.name, "showSymbol": False, "color": COLOURS[one.side],
+        {"type": "line", "name": words(name), "showSymbol": False, "color": colour_of(name).on_light,
          "data": [[t, value if np.isfinite(value) else None]
-                  for t, value in zip(t_s[::every].tolist(), one.values[::every].tolist(), strict=True)]}
-        for one in curves
+                  for t, value in zip(t_s[::every].tolist(), values[::every].tolist(), strict=True)]}
+        for name, values in curves.items()
     ]  # fmt: skip
     ticks = [
-        {"type": "scatter", "symbol": "rect", "symbolSize": [3, 14], "color": COLOURS[side],
+        {"type": "scatter", "symbol": "rect", "symbolSize": [3, 14], "color": colour_of(f"{side}_foot").on_light,
          "data": [[t, low - room] for t in times.tolist()]}
         for side, times in strikes.items()
     ]  # fmt: skip
@@ -414,9 +403,9 @@ def chart_options(
     return {
         "animation": False, "grid": _GRID, "series": [*lines, *ticks],
         "title": {"text": "" if curves else empty, "left": _GRID["left"], "textStyle": _FONT},
-        "legend": {"left": _GRID["left"], "top": 0, "data": [one.name for one in curves], "textStyle": _FONT},
+        "legend": {"left": _GRID["left"], "top": 0, "data": [*map(words, curves)], "textStyle": _FONT},
         "xAxis": {"type": "value", "min": span_s[0], "max": span_s[1], **axis, "splitLine": {"show": False},
                   "axisLabel": {**_FONT, "formatter": "{value} s", "showMinLabel": False, "showMaxLabel": False}},
         "yAxis": {"type": "value", "min": low - room, "max": high + room, **axis, "show": bool(curves), "splitLine": faint,
-                  "axisLabel": {**_FONT, "formatter": f"{{value}}{unit}", "showMinLabel": False, "showMaxLabel": False}},
+                  "axisLabel": {**_FONT, "formatter": "{value}°", "showMinLabel": False, "showMaxLabel": False}},
     }  # fmt: skip

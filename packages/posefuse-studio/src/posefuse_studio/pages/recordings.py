@@ -18,7 +18,6 @@ from posefuse_studio.workspace import check_name, recording_place
 
 from . import recording
 
-PATH = "/recordings"
 _AT_ONCE = 60
 _POLL_S = 5.0
 # while a list is looked through for the first time
@@ -117,7 +116,7 @@ class _List:
     def _start_compare(self) -> None:
         a, b = self._chosen
         out = self._studio.workspace.free_name("comparisons", f"{recording_place(a).stem}-{recording_place(b).stem}")
-        self._studio.jobs.start("compare", f"Compare {b} with {a}", {"a": a, "b": b, "out": out}, page=PATH)
+        self._studio.jobs.start("compare", f"Compare {b} with {a}", {"a": a, "b": b, "out": out})
         ui.notify("Comparing; the result appears above the list.")
 
     def _ask_study(self) -> None:
@@ -125,7 +124,7 @@ class _List:
             self._studio.workspace.existing(study.value)
             check_name(out.value)
             arguments = {"study": study.value, "out": out.value, "networks": network.value}
-            self._studio.jobs.start("batch", f"Study {study.value}", arguments, page=PATH)
+            self._studio.jobs.start("batch", f"Study {study.value}", arguments)
 
         with dialog("Track every session below a folder", {"Track all": start}):
             small("Folders such as STUDY/P01/walk1, each with videos and a calibration.")

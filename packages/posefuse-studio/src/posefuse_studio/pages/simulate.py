@@ -19,7 +19,7 @@ from posefuse_sim import rig_plan
 from posefuse_sim.cameras import ImageSettings, PlacedCamera, placed_cameras
 from posefuse_sim.scene import Scene, plain_settings, read_scene, scene_text
 from posefuse_studio.scene import RigScene
-from posefuse_studio.scene_messages import page_message, scene_setup
+from posefuse_studio.scene_messages import setup_message
 from posefuse_studio.shell import card, job_lines, recent, show_summary, small, title
 from posefuse_studio.state import Studio
 from posefuse_studio.workspace import check_name
@@ -132,7 +132,7 @@ class _Plan:
             scene = keep()
             session, out = (workspace.free_name(folder, name.value) for folder in (SESSIONS, RESULTS))
             arguments = {"scene": scene, "session": session, "out": out}
-            self._studio.jobs.start("simulate_walk", f"Test walk {name.value}", arguments, page="/simulate")
+            self._studio.jobs.start("simulate_walk", f"Test walk {name.value}", arguments)
 
         def open_earlier(file: str | None) -> None:
             if file:
@@ -206,8 +206,7 @@ class _Plan:
         self._changed = False
         scene, room = self._scene, self._room
         self._draw_map()
-        setup = page_message("setup", content=scene_setup(rig_plan.rig_of_scene(scene)))
-        self._studio.streams[self._stream].publish("setup", setup, keep=True)
+        self._studio.streams[self._stream].publish("setup", setup_message(rig_plan.rig_of_scene(scene)), keep=True)
         step_m = _COARSE_M if self._dragged else _FINE_M
         plan = await asyncio.to_thread(lambda: pf.plan(scene, area_m=room.size_m, step_m=step_m))
         self._floor = error_map(plan)

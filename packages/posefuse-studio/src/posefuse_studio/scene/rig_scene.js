@@ -15,35 +15,28 @@ export default {
     }
     const { skeletons, ellipsoids, trails, cameras } = this;
     this.drawing.show({ skeletons, ellipsoids, trails, cameras });
-    this.connect();
+    this.leave = listen(this.stream, (message) => {
+      if (message.kind === SETUP) {
+        this.drawing.take_setup(message.content);
+        this.sides = message.content.sides || {};
+      } else if (message.kind === POSES) {
+        this.drawing.take_poses(message);
+        this.own = message.rgba.some((rgba) => rgba[3]);
+      }
+      else if (message.kind === LABELS) this.drawing.names = message.content;
+    });
   },
   beforeUnmount() {
     this.leave?.();
     this.drawing?.close();
   },
   watch: {
-    stream() {
-      this.leave?.();
-      this.connect();
-    },
     skeletons(on) { this.drawing?.show({ skeletons: on }); },
     ellipsoids(on) { this.drawing?.show({ ellipsoids: on }); },
     trails(on) { this.drawing?.show({ trails: on }); },
     cameras(on) { this.drawing?.show({ cameras: on }); },
   },
   methods: {
-    connect() {
-      this.leave = listen(this.stream, (message) => {
-        if (message.kind === SETUP) {
-          this.drawing.take_setup(message.content);
-          this.sides = message.content.sides || {};
-        } else if (message.kind === POSES) {
-          this.drawing.take_poses(message);
-          this.own = message.rgba.some((rgba) => rgba[3]);
-        }
-        else if (message.kind === LABELS) this.drawing.names = message.content;
-      });
-    },
     look(where) { this.drawing?.look(where); },
   },
 };

@@ -16,7 +16,7 @@ from posefuse.core import Detections2D, JointAngles, LivePreview, Pose3D, Posefu
 from posefuse.core.arrays import Array
 from posefuse.core.joint_angles import angle_labels
 from posefuse.outputs.drawing import person_rgb
-from posefuse_studio.scene_messages import image_message, page_message, poses_message, scene_setup
+from posefuse_studio.scene_messages import image_message, page_message, poses_message, setup_message
 from posefuse_studio.session import CameraStatus, Host, Pace, SessionStatus, status_pace
 from posefuse_studio.setups import rig_of_setup, setup_named, sources_of_setup
 from posefuse_studio.workspace import POSES_FILE, StudioWorkspace, check_name
@@ -131,8 +131,7 @@ class _Shown:
         plots = tuple(angle_labels(joints, " ")) if joints is not None else (self._setup_of[1] if self._setup_of else ())
         if self._setup_of != (skeleton, plots, faulty):
             self._setup_of = skeleton, plots, faulty
-            setup = scene_setup(self._rig, skeleton, plots=plots, faulty=faulty)
-            self._host.publish("setup", page_message("setup", content=setup), keep=True)
+            self._host.publish("setup", setup_message(self._rig, skeleton, plots=plots, faulty=faulty), keep=True)
 
     def _status(self, pose: Pose3D | None) -> SessionStatus:
         self._count()

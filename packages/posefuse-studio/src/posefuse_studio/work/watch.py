@@ -25,7 +25,7 @@ from posefuse.core.arrays import Array
 from posefuse.outputs.drawing import jpeg_of, shrunk_wh
 from posefuse.realtime.watching import CameraFeed, CameraNews, FedFrame
 from posefuse_studio.calibrations import SEEN, SeenTarget, Step, advice_for, enough_for, near_far_of, size_of, without_floor
-from posefuse_studio.scene_messages import image_message, page_message, scene_setup
+from posefuse_studio.scene_messages import image_message, setup_message
 from posefuse_studio.session import CameraStatus, Host, Pace, SessionStatus, status_pace
 from posefuse_studio.setups import Setup, sources_of_setup
 from posefuse_studio.workspace import StudioWorkspace, write_stored
@@ -74,7 +74,7 @@ class _Watch:
         self._news: tuple[CameraNews, ...] = ()
         self._sizes: dict[str, tuple[int, int]] = {}
         self._begun_s = time.monotonic()
-        self.host.publish("setup", page_message("setup", content=scene_setup()), keep=True)
+        self.host.publish("setup", setup_message(), keep=True)
 
     @property
     def enough(self) -> bool:
