@@ -17,10 +17,9 @@ from posefuse.core import ConfigError, InputError, LiveOutputConfig, Progress
 from posefuse.core.arrays import Array
 from posefuse.formats.page import Line, Page, Plot, Plots, Series, Spikes, write_page
 from posefuse.formats.rig import rig_warnings
-from posefuse.foundation.output_file import check_first_part
+from posefuse.foundation.output_file import check_first_part, real_path
 from posefuse.foundation.output_folder import check_replaceable, output_folder
 from posefuse.foundation.parsing import plain
-from posefuse.foundation.places import real_path
 from posefuse.foundation.plugins import plugin_config
 from posefuse.foundation.settings import settings_from_mapping
 from posefuse.foundation.summary import MISSING, Block, Facts, Heading, Note, Table, number_text

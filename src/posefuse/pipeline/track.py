@@ -35,8 +35,8 @@ from posefuse.core.protocols import NOISE_NOT_FITTED
 from posefuse.core.view_sequences import people_in, views_over_time
 from posefuse.detection.build import fetch_networks
 from posefuse.foundation.compiled import compiling
+from posefuse.foundation.output_file import check_space
 from posefuse.foundation.parsing import plain
-from posefuse.foundation.places import check_space
 from posefuse.fusion import FuseSettings, fuse
 from posefuse.health.background import background_of
 from posefuse.health.noise_scale import disagreement, noise_scale
