@@ -39,7 +39,7 @@ from posefuse.foundation.output_file import check_space
 from posefuse.foundation.parsing import plain
 from posefuse.fusion import FuseSettings, fuse
 from posefuse.health.background import background_of
-from posefuse.health.noise_scale import disagreement, noise_scale
+from posefuse.health.misalignment import disagreement, noise_scale
 from posefuse.health.recorded import checked_rig
 from posefuse.sources.video import recorded_at
 from posefuse.tracking import smooth
@@ -192,7 +192,7 @@ _NOISE_TIME_STEPS = 1000
 
 
 def recorded_noise_scale(observations: Observations, rig: Rig, fusing: FuseSettings) -> float | None:
-    """Of the limb joints of a recording, see `health.noise_scale`; None where too little is seen."""
+    """Of the limb joints of a recording, see `health.misalignment.noise_scale`; None where too little is seen."""
     every = max(1, len(observations.step_t_ns) // _NOISE_TIME_STEPS)
     some = observations.part(slice(None, None, every))
     views, limbs = views_over_time(some, people_in(some)[0].tolist()), limb_keypoints(some.skeleton.keypoints)
