@@ -29,9 +29,10 @@ from posefuse.realtime.config import LiveConfig, RunOptions
 from posefuse.realtime.fusion import Fusion
 from posefuse.realtime.inputs import check_ros_is_used, inputs_from_arguments, rig_of_inputs, shown_again
 from posefuse.realtime.latency import STAGES
+from posefuse.realtime.messages import LivePlan
 from posefuse.realtime.networks import fetch_networks
 from posefuse.realtime.outputs import check_live_outputs
-from posefuse.realtime.session import Finished, LivePlan, check_enough, closing_lines, run_live
+from posefuse.realtime.session import Finished, check_enough, closing_lines, run_live
 from posefuse.realtime.video_keeping import read_counts
 
 from .arguments import lines_of, shown
