@@ -285,7 +285,8 @@ def _require(done: Sequence[Check]) -> None:
 
 def check_person_in_tracks(names: Sequence[str], moving: Sequence[PersonTrack]) -> Check:
     """Every camera saw a person."""
-    return person_seen(names, [np.asarray(np.isfinite(track.xy_img).all(axis=-1)).any(axis=1) for track in moving], _LEAST_FRAMES)
+    seen = [np.asarray(np.asarray(np.isfinite(track.xy_img).all(axis=-1)).any(axis=1)) for track in moving]
+    return person_seen(names, seen, _LEAST_FRAMES)
 
 
 def person_seen(names: Sequence[str], seen: Iterable[Array], least: int) -> Check:
