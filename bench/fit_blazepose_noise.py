@@ -24,7 +24,7 @@ from posefuse.detection.crops import crop_from_img, square_crop
 from posefuse.detection.decode import landmarks_from_outputs
 from posefuse.detection.engines import BlazePoseNetwork
 from posefuse.detection.noise import NoiseModel, landmark_noise_features
-from posefuse.foundation.places import default_cache_dir
+from posefuse.foundation.platform import default_cache_dir
 from posefuse_sim.fitting import _as_in_use as as_in_use
 from posefuse_sim.fitting import fit_log_sigma, noise_text, render_everyday, shared_keypoints
 from posefuse_sim.scene import read_scene

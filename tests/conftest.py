@@ -25,7 +25,7 @@ import pytest
 
 from posefuse.core import SE3, SKELETONS, Camera, DependencyError, JointAngles, Pose3D, Rig, Skeleton
 from posefuse.core.skeleton import COCO17
-from posefuse.foundation.places import default_cache_dir
+from posefuse.foundation.platform import default_cache_dir
 from posefuse_sim.cameras import looking_at
 
 _SHARED = Path(__file__).resolve().parents[2] / "shared" / "data"

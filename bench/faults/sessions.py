@@ -11,7 +11,7 @@ from posefuse.calibration.extrinsics.pipeline import Options
 from posefuse.calibration.extrinsics.self_checks import camera_differences
 from posefuse.calibration.extrinsics.target import calibrate_extrinsics
 from posefuse.calibration.extrinsics.world import triangulate_linear
-from posefuse.calibration.rotations import Poses, mean_rotation, stacked
+from posefuse.calibration.geometry import Poses, nearest_rotation, stacked
 from posefuse.calibration.targets.corners import CornerObservations
 from posefuse.calibration.targets.kinds import Charuco, Markers, Target
 from posefuse.core import SE3, CalibrationError, Camera, Rig
@@ -148,7 +148,7 @@ def one_changed(cameras: tuple[Camera, ...], index: int, changed: Camera) -> tup
 def scale_of(first: Poses, second: Poses) -> float:
     """How many times as large as the second set of cam_from_world the first is, by the cameras' centres in least squares."""
     a, b = first.inverse(), second.inverse()
-    turn = mean_rotation(a.R @ np.swapaxes(b.R, 1, 2), np.ones(len(a)))
+    turn = nearest_rotation((a.R @ np.swapaxes(b.R, 1, 2)).sum(axis=0))
     moved = (b.t - b.t.mean(axis=0)) @ turn.T
     return float(((a.t - a.t.mean(axis=0)) * moved).sum() / (moved**2).sum())
 

@@ -13,8 +13,8 @@ from posefuse.calibration.extrinsics.causes import FrameTimes
 from posefuse.calibration.extrinsics.pipeline import Options
 from posefuse.calibration.extrinsics.snapshots import Snapshots, snapshots
 from posefuse.calibration.extrinsics.target import calibrate_extrinsics
+from posefuse.calibration.geometry import poses_of
 from posefuse.calibration.report import RefusedCalibration
-from posefuse.calibration.rotations import poses_of
 from posefuse.calibration.targets.corners import CornerObservations
 from posefuse.calibration.targets.kinds import Markers
 from posefuse.core import Rig

@@ -20,6 +20,7 @@ from videos import ScriptedSource
 import posefuse as pf
 from posefuse.calibration.clocks.person_tracks import PersonTrack, person_tracks, prominent
 from posefuse.calibration.extrinsics.world import floor_from_feet
+from posefuse.calibration.geometry import poses_of
 from posefuse.calibration.person.bundle import solve_person_bundle
 from posefuse.calibration.person.checks import check_standing
 from posefuse.calibration.person.scale import KnownLength
@@ -34,7 +35,6 @@ from posefuse.calibration.person.solve import (
 )
 from posefuse.calibration.person.views import ChosenPerson, PersonViews, choose_person, people_tracks, person_views
 from posefuse.calibration.report import RefusedCalibration
-from posefuse.calibration.rotations import poses_of
 from posefuse.core import SE3, Camera, Detections2D, Rig, Skeleton
 from posefuse.formats.rig import write_rig
 from posefuse.pipeline.calibration import solve_person

@@ -34,7 +34,7 @@ from posefuse.calibration.targets.kinds import (
     sides,
     write_target,
 )
-from posefuse.calibration.targets.printing import Sheet, board_sheets, cube_sheets, write_pdf
+from posefuse.calibration.targets.printing import CUBE_IDS, Sheet, board_sheets, marker_sheets, write_pdf
 from posefuse.calibration.targets.recordings import paths_by_camera
 from posefuse.core import SE3, CalibrationError, ConfigError, Rig
 from posefuse.formats.rig import read_rig
@@ -82,7 +82,7 @@ def test_a_printed_charuco_board_has_its_true_size_and_the_printed_side_up(tmp_p
 @needs_poppler
 def test_printed_cube_faces_carry_six_ids_of_true_size(tmp_path: Path) -> None:
     ids = []
-    for page in pages(cube_sheets(Markers(0.12)), 127, tmp_path):
+    for page in pages(marker_sheets(Markers(0.12), CUBE_IDS), 127, tmp_path):
         [(i, quad)] = markers_by_opencv(page).items()
         ids.append(i)
         assert np.linalg.norm(quad[1] - quad[0]) == pytest.approx(0.12 * 5000, abs=1.0)

@@ -9,9 +9,8 @@ import pytest
 from bench.faults.waved_props import Faults, Waving, cube, observe_prop
 from posefuse.calibration.bundle import grouped_sum
 from posefuse.calibration.extrinsics.pipeline import Options, RigTask, key_snapshots, link, solve
-from posefuse.calibration.extrinsics.prop_solve import Freedom, PropState, _Model
-from posefuse.calibration.projection import Lenses
-from posefuse.calibration.rotations import Poses, poses_of, stacked
+from posefuse.calibration.extrinsics.prop_solve import Freedom, PropState, _PropProblem
+from posefuse.calibration.geometry import Lenses, Poses, poses_of, stacked
 from posefuse.calibration.targets.kinds import Markers, patch_corners
 from posefuse.core import Rig
 
@@ -33,7 +32,8 @@ def test_every_block_of_the_prop_solve(ring_rig: Callable[..., Rig]) -> None:
         cameras, Poses.from_se3(world), stacked(poses), np.zeros((3, 2)), random.normal(0, 1e-3, (3, 6)), np.zeros((3, 3))
     )
     freedom = Freedom(reference=0, held_patches=(0,), offset=True, drift=True, lens_sigma=np.ones(6), turning=(0, 1, 2))
-    model = _Model(seen, patch_corners(target, seen.patches), rig.cameras, np.zeros((3, 2)), freedom, 0.5)
+    corners = patch_corners(target, seen.patches)
+    model = _PropProblem(seen, corners, rig.cameras, state, freedom, sigma_px=0.5, cauchy=1.0)
     linear = model.linearise(state)
     zeros = [np.zeros((block.count, block.jacobian.shape[2])) for block in linear.blocks]
     nothing = np.zeros((len(seen.t_s), 6))

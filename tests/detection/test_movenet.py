@@ -12,7 +12,7 @@ from posefuse.detection.card import OnnxCard, needed_cards, read_card
 from posefuse.detection.decode import keypoints_from_movenet
 from posefuse.detection.engines import OnnxNetwork
 from posefuse.detection.files import Trust, fetch_all
-from posefuse.foundation.places import default_cache_dir
+from posefuse.foundation.platform import default_cache_dir
 
 # y, x, score of all keypoints that TensorFlow.js 4.22 computes from the same two files for the image of `noise_image`
 FROM_TFJS = {

@@ -12,7 +12,7 @@ import pytest
 from running import python
 
 from posefuse.detection.build import DetectorChoice
-from posefuse.foundation.places import default_cache_dir
+from posefuse.foundation.platform import default_cache_dir
 from posefuse.realtime.networks import fetch_networks
 from tools.studio_server import cookie, free_port, server
 

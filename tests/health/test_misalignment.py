@@ -5,7 +5,7 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from posefuse.calibration.rotations import hat
+from posefuse.calibration.geometry import hat
 from posefuse.core import Rig
 from posefuse.health.misalignment import UNKNOWNS, instant_of, sums_of
 

@@ -20,7 +20,7 @@ from posefuse.evaluation.tracks import looped
 from posefuse.formats.truth import write_loop, write_truth
 from posefuse.outputs.data_files import CsvSink
 from posefuse.realtime.config import LiveConfig
-from posefuse.realtime.session import notes_of
+from posefuse.realtime.outputs import notes_of
 from posefuse_ros.bags import read_clock
 from posefuse_ros.mcap_output import RecordConfig, keep_clock
 from posefuse_ros.sim_time import SimulatedClock

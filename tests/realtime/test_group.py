@@ -32,9 +32,8 @@ from posefuse.realtime.config import LiveConfig
 from posefuse.realtime.estimator import warmed_up
 from posefuse.realtime.fusion import Fusion
 from posefuse.realtime.group import Group, GroupPlan, SearchSchedule, search_slot
-from posefuse.realtime.messages import Expected, SeenView, SessionClock
+from posefuse.realtime.messages import Expected, LivePlan, SeenView, SessionClock
 from posefuse.realtime.networks import on_device
-from posefuse.realtime.outputs import OutputPlan
 from posefuse.realtime.session import blocks, group_plans
 
 PERIOD_NS = 1_000_000_000 // 30
@@ -149,9 +148,9 @@ def on_card(ring_rig, tmp_path, monkeypatch: pytest.MonkeyPatch):
 
 def plans_on(rig: Rig, device: str, choice: DetectorChoice, clock: SessionClock, groups: int | None = None) -> list[GroupPlan]:
     """Plans of groups on a device, of cameras that a test feeds itself."""
-    inputs = [LiveInput(name, "test", Clip(name, size_wh=rig[name].size_wh), False) for name in rig.names]
+    inputs = tuple(LiveInput(name, "test", Clip(name, size_wh=rig[name].size_wh), False) for name in rig.names)
     config = LiveConfig(detector=on_device(choice, device), groups=groups)
-    return group_plans(rig, inputs, config, OutputPlan(rig=rig, clock=clock, configs={}))
+    return group_plans(LivePlan(rig=rig, inputs=inputs, config=config, outputs={}), clock)
 
 
 def test_on_a_graphics_card_the_waiting_images_of_all_cameras_go_in_one_call(on_card) -> None:

@@ -17,7 +17,7 @@ from posefuse.kinematics.body import LIVE_BODY, LiveBodyRules
 from posefuse.realtime.config import LiveConfig
 from posefuse.realtime.estimator import warmed_up
 from posefuse.realtime.messages import SessionClock
-from posefuse.realtime.session import notes_of
+from posefuse.realtime.outputs import notes_of
 from posefuse.tracking.online import MOTION
 from posefuse_ros.mcap_output import RecordConfig
 from posefuse_sim.build import live_scene

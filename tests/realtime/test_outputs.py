@@ -20,9 +20,10 @@ from posefuse.core import InputError, LiveHealth, LiveJointCentres, LiveMessage,
 from posefuse.core.live_messages import FAILED, OK
 from posefuse.evaluation.contracts import made_up_messages, made_up_rig, made_up_start
 from posefuse.realtime import outputs as outputs_module
-from posefuse.realtime.messages import SessionClock
+from posefuse.realtime.config import LiveConfig
+from posefuse.realtime.messages import LivePlan, SessionClock
 from posefuse.realtime.output_process import HANGS, OutputAdded, OutputThread
-from posefuse.realtime.outputs import OutputPlan, OutputProcess
+from posefuse.realtime.outputs import OutputProcess, notes_of
 from posefuse_ros import topics
 from posefuse_ros.bags import read_mcap, read_notes, read_poses
 from posefuse_ros.live_output import health_lines
@@ -187,9 +188,9 @@ class Slow:
         self.path.write_text("closed")
 
 
-def plan(path: Path) -> OutputPlan:
+def outputs_to(path: Path) -> OutputProcess:
     configs = {"record": RecordConfig(path=path)}
-    return OutputPlan(rig=made_up_rig(), clock=SessionClock.begin(), configs=configs, notes={"rig_id": "x"})
+    return OutputProcess(LivePlan(rig=made_up_rig(), inputs=(), config=LiveConfig(), outputs=configs), SessionClock.begin())
 
 
 class Fed:
@@ -197,7 +198,7 @@ class Fed:
 
     def __init__(self, path: Path) -> None:
         pytest.importorskip("rosbags", reason="the extra ros is not installed")
-        self.outputs = OutputProcess(plan(path))
+        self.outputs = outputs_to(path)
         self.outputs.wait_ready()
         self.count = 0
         self.outputs.offer(CENTRES)
@@ -264,7 +265,7 @@ def test_a_killed_process_is_reported_and_restarted_and_recording_continues(fed:
     assert len(after) >= 50 and len(said) == 1
     assert after[0] > before[-1]
     assert next(read_mcap(third, {topics.JOINT_CENTRES.name})).topic == topics.JOINT_CENTRES.name
-    assert read_notes(third) == {"rig_id": "x", "part": "2"}
+    assert read_notes(third) == notes_of(made_up_rig(), LiveConfig()) | {"part": "2"}
     assert capfd.readouterr() == ("", "")
 
 
@@ -333,7 +334,7 @@ def test_messages_are_sent_in_batches_unless_an_output_needs_the_newest(fed: Fed
 
     fed.outputs.poll()
     monkeypatch.setattr(fed.outputs._worker, "send", send)
-    monkeypatch.setattr(OutputPlan, "wants_newest", newest)
+    monkeypatch.setattr(OutputProcess, "wants_newest", newest)
     now_s = time.monotonic()
     for i in range(40):
         monkeypatch.setattr(time, "monotonic", lambda i=i: now_s + 0.01 * i)
@@ -366,7 +367,7 @@ def test_an_output_is_added_and_removed_while_the_session_runs(fed: Fed, tmp_pat
 
 def test_an_output_that_cannot_be_opened_is_reported_before_the_session_starts(tmp_path: Path) -> None:
     pytest.importorskip("rosbags", reason="the extra ros is not installed")
-    outputs = OutputProcess(plan(tmp_path / "no" / "live.mcap"))
+    outputs = outputs_to(tmp_path / "no" / "live.mcap")
     refusal(InputError, "cannot be written", outputs.wait_ready)
     outputs.close()
 

@@ -39,7 +39,7 @@ from posefuse.pipeline.reading import read_result
 from posefuse.pipeline.solve import solve_again
 from posefuse.pipeline.time_steps import frame_period_ns
 from posefuse.realtime.config import LiveConfig
-from posefuse.realtime.session import notes_of
+from posefuse.realtime.outputs import notes_of
 from posefuse_ros import bags, live_recording, topics
 from posefuse_ros.bags import Recorder, read_detections, read_mcap, read_poses
 from posefuse_ros.markers import annotations_of_view

@@ -58,9 +58,8 @@ def test_broken_bytes_cost_only_some_frames(tmp_path: Path) -> None:
     path.write_bytes(content)
     source = VideoConfig(path, "cam").build()
     frames = list(source.frames())
-    assert len(frames) >= 1
+    assert 1 <= len(frames) < 25
     assert all(later.t_ns > earlier.t_ns for earlier, later in itertools.pairwise(frames))
-    assert source.broken_frames >= 1
 
 
 @pytest.mark.parametrize("content", [b"", b"not a video at all" * 100])
@@ -96,12 +95,11 @@ def test_images_are_rgb_in_order_with_rate_or_times_file(tmp_path: Path) -> None
     refusal(SourceError, r"do not state their frame rate; add `rate_hz=HZ`, .* or timestamps\.csv", build)
 
 
-def test_a_broken_image_is_counted_and_an_empty_folder_named(tmp_path: Path) -> None:
+def test_a_broken_image_is_left_out_and_an_empty_folder_named(tmp_path: Path) -> None:
     folder = write_images(tmp_path / "cam", 3)
     (folder / "001.png").write_bytes(b"oops")
     source = ImagesConfig(folder, "cam", rate_hz=30.0).build()
     assert [f.seq for f in source.frames()] == [0, 2]
-    assert source.broken_frames == 1
     (tmp_path / "empty").mkdir()
     refusal(SourceError, "no readable image", lambda: ImagesConfig(tmp_path / "empty", "cam").build())
 

@@ -8,7 +8,7 @@ import numpy as np
 
 from bench.faults.sessions import scale_of
 from posefuse.calibration.extrinsics.self_checks import camera_differences
-from posefuse.calibration.rotations import Poses, poses_of
+from posefuse.calibration.geometry import Poses, poses_of
 from posefuse.calibration.targets.kinds import dictionary_of
 from posefuse.cli.command_line import parse
 from posefuse.cli.terminal import Terminal

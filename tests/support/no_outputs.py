@@ -6,13 +6,14 @@ import built
 import numpy as np
 
 from posefuse.core import LiveMessage, LiveOutput, LivePose, Pose3D, Skeleton
-from posefuse.realtime.messages import SessionClock
-from posefuse.realtime.outputs import OutputPlan, OutputProcess
+from posefuse.realtime.config import LiveConfig
+from posefuse.realtime.messages import LivePlan, SessionClock
+from posefuse.realtime.outputs import OutputProcess
 
 
 class NoOutputs(OutputProcess):
     def __init__(self) -> None:
-        super().__init__(OutputPlan(rig=None, clock=SessionClock.begin()))
+        super().__init__(LivePlan(rig=None, inputs=(), config=LiveConfig(), outputs={}), SessionClock.begin())
 
 
 class KeptOutputs(NoOutputs):

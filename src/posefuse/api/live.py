@@ -33,7 +33,7 @@ from posefuse.realtime.messages import AddOutput, KeepVideos, NamePerson, Remove
 from .arguments import shown
 
 if TYPE_CHECKING:
-    from posefuse.realtime.session import LivePlan
+    from posefuse.realtime.messages import LivePlan
 
 _START_S = 180.0
 # its files are finished as long as they make progress
@@ -228,17 +228,17 @@ class LiveSession(Closing):
 
     def _hear(self, worker: Worker) -> None:
         """What the session sends, until it is over."""
-        from posefuse.realtime.session import Ended, NewsLine
+        from posefuse.realtime.session import Ended
 
         with shown(self._progress) as report:
             while worker.running and not self._ended:
                 worker.wait(_LOOK_S)
                 while (message := worker.receive()) is not None:
-                    if isinstance(message, NewsLine):
-                        self.news.append(message.line)
+                    if isinstance(message, str):
+                        self.news.append(message)
                         # a terminal that was closed
                         with suppress(OSError, ValueError):
-                            report("live", 0, None, message.line)
+                            report("live", 0, None, message)
                     elif isinstance(message, LiveDetections):
                         self._views[message.detections.camera] = message.detections
                     elif isinstance(message, LivePreview):

@@ -17,10 +17,9 @@ from posefuse.core import ConfigError, InputError, LiveOutputConfig, Progress
 from posefuse.core.arrays import Array
 from posefuse.formats.page import Line, Page, Plot, Plots, Series, Spikes, write_page
 from posefuse.formats.rig import rig_warnings
-from posefuse.foundation.output_file import check_first_part
+from posefuse.foundation.output_file import check_first_part, real_path
 from posefuse.foundation.output_folder import check_replaceable, output_folder
 from posefuse.foundation.parsing import plain
-from posefuse.foundation.places import real_path
 from posefuse.foundation.plugins import plugin_config
 from posefuse.foundation.settings import settings_from_mapping
 from posefuse.foundation.summary import MISSING, Block, Facts, Heading, Note, Table, number_text
@@ -30,9 +29,10 @@ from posefuse.realtime.config import LiveConfig, RunOptions
 from posefuse.realtime.fusion import Fusion
 from posefuse.realtime.inputs import check_ros_is_used, inputs_from_arguments, rig_of_inputs, shown_again
 from posefuse.realtime.latency import STAGES
+from posefuse.realtime.messages import LivePlan
 from posefuse.realtime.networks import fetch_networks
 from posefuse.realtime.outputs import check_live_outputs
-from posefuse.realtime.session import Finished, LivePlan, check_enough, closing_lines, run_live
+from posefuse.realtime.session import Finished, check_enough, closing_lines, run_live
 from posefuse.realtime.video_keeping import read_counts
 
 from .arguments import lines_of, shown

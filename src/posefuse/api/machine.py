@@ -19,8 +19,7 @@ from posefuse.detection.card import NetworkCard, needed_cards
 from posefuse.detection.choosing import installed_networks, measured_costs
 from posefuse.detection.engines import devices_found
 from posefuse.detection.files import Trust, fetch_all, holds, model_path
-from posefuse.foundation.places import default_cache_dir
-from posefuse.foundation.platform import display, usable_cores, usb_cameras
+from posefuse.foundation.platform import default_cache_dir, display, usable_cores, usb_cameras
 from posefuse.foundation.plugins import GROUPS, list_plugins, option_names
 from posefuse.foundation.summary import Block, Heading, Note, Table
 

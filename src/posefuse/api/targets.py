@@ -14,7 +14,7 @@ from posefuse.calibration.extrinsics.world import FloorMarker, ThreePoints, chec
 from posefuse.calibration.settings import TargetDescription
 from posefuse.calibration.targets.detection import TargetDetector
 from posefuse.calibration.targets.kinds import Chessboard, Markers, Target, described_target, write_target
-from posefuse.calibration.targets.printing import board_sheets, cube_sheets, marker_sheets, write_pdf
+from posefuse.calibration.targets.printing import CUBE_IDS, board_sheets, marker_sheets, write_pdf
 from posefuse.core import InputError
 from posefuse.core.arrays import Array
 from posefuse.foundation.output_file import atomic_file, check_output_file, keep_copy
@@ -64,7 +64,7 @@ def print_target(
     if isinstance(kind, Chessboard):
         raise InputError("print: a plain chessboard is not offered; a ChArUco board does all it does, and more")
     if isinstance(kind, Markers):
-        sheets = cube_sheets(kind, page=page) if cube else marker_sheets(kind, kind.ids or (0,), page)
+        sheets = marker_sheets(kind, CUBE_IDS if cube else kind.ids or (0,), page)
     else:
         sheets = board_sheets(kind, page)
     keep_copy(pdf)

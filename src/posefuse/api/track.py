@@ -191,8 +191,8 @@ def solve(
         >>> again = pf.solve("RESULT", "SECOND", exclude=[blocked])  # doctest: +SKIP
     """
     from posefuse.foundation.compiled import compiling
+    from posefuse.foundation.output_file import check_outside_inputs
     from posefuse.foundation.output_folder import check_replaceable, output_folder
-    from posefuse.foundation.places import check_outside_inputs
     from posefuse.outputs.rerun import check_viewer
     from posefuse.pipeline.reading import files_of_result, read_result
     from posefuse.pipeline.solve import REFINED, solve_again

@@ -8,8 +8,8 @@ and 4.3.
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass, field
+from abc import ABC, abstractmethod
+from dataclasses import dataclass
 from typing import Generic, TypeVar
 
 import numpy as np
@@ -18,8 +18,7 @@ from scipy.sparse import csr_matrix
 from posefuse.core import Camera
 from posefuse.core.arrays import SIGMA_PER_MAD, Array
 
-from .projection import Lenses
-from .rotations import Poses, hat
+from .geometry import Lenses, Poses, hat
 
 State = TypeVar("State")
 
@@ -50,37 +49,44 @@ class Linearised:
     """The problem about one state.
 
     Attributes:
-        residual: (N, 2) predicted minus observed, in standard deviations; NaN rows (behind a camera) count as far off.
         blocks: global unknowns. local_jacobian: (N, 2, q). local_index: (N,).
     """
 
-    residual: Array
     blocks: tuple[ResidualBlock, ...]
     local_jacobian: Array
     local_index: Array
 
 
-@dataclass(frozen=True, eq=False, kw_only=True)
-class Problem(Generic[State]):
+class Problem(ABC, Generic[State]):
     """What the solver needs to know.
 
     Attributes:
-        residual: state -> (N, 2). linearise: state -> Linearised. step: (state, per block (count, p), local (L, q)) -> state.
-        prior_cost: state -> cost of the priors.
         free: per block (count, p) bool; held unknowns are False.
         local_count: L. group: (N,) observations of one group (a marker in an image) share one robust weight.
         group_count: number of groups. cauchy: scale of the robust loss in standard deviations; inf for least squares.
     """
 
-    residual: Callable[[State], Array]
-    linearise: Callable[[State], Linearised]
-    step: Callable[[State, list[Array], Array], State]
     free: tuple[Array, ...]
     local_count: int
     group: Array
     group_count: int
     cauchy: float
-    prior_cost: Callable[[State], float] = field(default=lambda state: 0.0)
+
+    @abstractmethod
+    def residual(self, state: State) -> Array:
+        """(N, 2) predicted minus observed, in standard deviations; NaN rows (behind a camera) count as far off."""
+
+    @abstractmethod
+    def linearise(self, state: State) -> Linearised:
+        """How the residuals change about a state."""
+
+    @abstractmethod
+    def step(self, state: State, blocks: list[Array], local: Array) -> State:
+        """The state moved by steps of each block (count, p) and of the local unknowns (L, q)."""
+
+    @abstractmethod
+    def prior_cost(self, state: State) -> float:
+        """Cost of the priors."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -88,14 +94,13 @@ class Solution(Generic[State]):
     """Where the solver stopped.
 
     Attributes:
-        state: the unknowns. residual: (N, 2) there. weight: (N,) robust weights there. linear: the problem about it.
+        state: the unknowns. residual: (N, 2) there. linear: the problem about it.
         covariance: (G, G) of the free global unknowns, in the order of the blocks, for unit observation noise.
         scores: (L, G) pull of the observations of each local unknown on the free global ones; their sum is about 0.
     """
 
     state: State
     residual: Array
-    weight: Array
     linear: Linearised
     covariance: Array
     scores: Array
@@ -119,7 +124,7 @@ def solve_bundle(problem: Problem[State], start: State) -> Solution[State]:
     cost = _cost(problem, residual) + problem.prior_cost(state)
     converged, iteration = False, 0
     while iteration < _MOST_ITERATIONS and not converged:
-        system = _System(problem, problem.linearise(state), _weights(problem, residual))
+        system = _System(problem, problem.linearise(state), residual)
         while iteration < _MOST_ITERATIONS:
             iteration += 1
             global_steps, local_steps = system.steps(damping)
@@ -135,16 +140,14 @@ def solve_bundle(problem: Problem[State], start: State) -> Solution[State]:
             if damping > _DAMPING_MOST:
                 converged = True
                 break
-    weight = _weights(problem, residual)
     linear = problem.linearise(state)
-    system = _System(problem, linear, weight)
+    system = _System(problem, linear, residual)
     return Solution(
         state=state,
         residual=residual,
-        weight=weight,
         linear=linear,
         covariance=system.covariance(),
-        scores=system.scores(linear, weight),
+        scores=system.scores(linear),
     )
 
 
@@ -192,7 +195,9 @@ def _weights(problem: Problem[State], residual: Array) -> Array:
 class _System:
     """Normal equations with the local unknowns eliminated."""
 
-    def __init__(self, problem: Problem[State], linear: Linearised, weight: Array) -> None:
+    def __init__(self, problem: Problem[State], linear: Linearised, residual: Array) -> None:
+        weight, residual = _weights(problem, residual), np.nan_to_num(residual)
+        self._weighted_residual = weight[:, None] * residual
         self._sizes = [(block.count, block.jacobian.shape[2]) for block in linear.blocks]
         self._free = np.concatenate([free.ravel() for free in problem.free])
         starts = np.cumsum([0] + [count * p for count, p in self._sizes])
@@ -201,7 +206,6 @@ class _System:
         plain = [np.nan_to_num(block.jacobian) for block in linear.blocks]
         weighted = [jacobian * weight[:, None, None] for jacobian in plain]
         local = np.nan_to_num(linear.local_jacobian)
-        residual = np.nan_to_num(linear.residual)
         q = local.shape[2]
         self._A = np.zeros((total, total))
         self._g = np.zeros(total)
@@ -223,7 +227,7 @@ class _System:
                 self._A[range(s, s + n * p), range(s, s + n * p)] += block.prior.ravel()
                 self._g[s : s + n * p] += (block.prior * block.offset).ravel()
         self._C = grouped_sum(_outer(local * weight[:, None, None], local), linear.local_index, locals_)
-        self._h = grouped_sum((local * (weight[:, None] * residual)[:, :, None]).sum(axis=1), linear.local_index, locals_)
+        self._h = grouped_sum((local * self._weighted_residual[:, :, None]).sum(axis=1), linear.local_index, locals_)
         self._A = self._A[np.ix_(self._free, self._free)]
         self._g, self._B = self._g[self._free], self._B[:, self._free]
 
@@ -257,12 +261,11 @@ class _System:
         parts = [step[s : s + n * p].reshape(n, p) for s, (n, p) in zip(self._starts, self._sizes, strict=False)]
         return parts, local
 
-    def scores(self, linear: Linearised, weight: Array) -> Array:
+    def scores(self, linear: Linearised) -> Array:
         """(L, G) weighted pull of each local unknown's observations, the local unknown taken out."""
-        weighted_residual = weight[:, None] * np.nan_to_num(linear.residual)
         count, parts = len(self._C), []
         for block, (n, p) in zip(linear.blocks, self._sizes, strict=True):
-            pull = (np.nan_to_num(block.jacobian) * weighted_residual[:, :, None]).sum(axis=1)
+            pull = (np.nan_to_num(block.jacobian) * self._weighted_residual[:, :, None]).sum(axis=1)
             parts.append(grouped_sum(pull, linear.local_index * n + block.index, count * n).reshape(count, n * p))
         own = np.concatenate(parts, axis=1)[:, self._free]
         _, _, inverse = self._reduced(0.0)
@@ -359,9 +362,9 @@ class PointFreedom:
 
 def solve_points(views: PointViews, cameras: tuple[Camera, ...], start: PointState, freedom: PointFreedom) -> PointSolution:
     """A robust solve with a wide loss, and one with the spread found."""
-    first = solve_bundle(_problem(views, cameras, freedom, _ROUGH_SIGMA_PX), start)
+    first = solve_bundle(_PointProblem(views, cameras, freedom, _ROUGH_SIGMA_PX), start)
     sigma = first.spread_px(_ROUGH_SIGMA_PX, _LEAST_SIGMA_PX)
-    second = solve_bundle(_problem(views, cameras, freedom, sigma), first.state)
+    second = solve_bundle(_PointProblem(views, cameras, freedom, sigma), first.state)
     found = second.spread_px(sigma, _LEAST_SIGMA_PX)
     terms_sigma = _terms_sigma(second, views, freedom, (found / sigma) ** 2)
     return PointSolution(second.state, found, second.residual * sigma * views.relative_sigma[:, None], terms_sigma)
@@ -387,40 +390,48 @@ def _terms_sigma(solution: Solution[PointState], views: PointViews, freedom: Poi
     return sigma
 
 
-def _problem(views: PointViews, cameras: tuple[Camera, ...], freedom: PointFreedom, sigma_px: float) -> Problem[PointState]:
-    lenses, count = Lenses(cameras), len(cameras)
-    scale = (sigma_px * views.relative_sigma)[:, None]
-    centre = np.stack([camera.K[:2, 2] for camera in cameras])[views.camera]
-    prior = np.broadcast_to(1 / _TERM_SIGMA**2, (count, len(_TERM_SIGMA)))
+class _PointProblem(Problem[PointState]):
+    """Residuals and Jacobians of the rows."""
 
-    def in_cameras(state: PointState) -> Array:
-        return state.cam_from_world[views.camera].move(state.xyz[views.point])
+    cauchy = _CAUCHY
 
-    def residual(state: PointState) -> Array:
+    def __init__(self, views: PointViews, cameras: tuple[Camera, ...], freedom: PointFreedom, sigma_px: float) -> None:
+        self._views, self._lenses, self._count = views, Lenses(cameras), len(cameras)
+        self.free, self.local_count = _free(self._count, freedom), views.point_count
+        self.group, self.group_count = np.arange(len(views.camera)), len(views.camera)
+        self._scale = (sigma_px * views.relative_sigma)[:, None]
+        self._centre = np.stack([camera.K[:2, 2] for camera in cameras])[views.camera]
+        self._prior = np.broadcast_to(1 / _TERM_SIGMA**2, (self._count, len(_TERM_SIGMA)))
+
+    def _in_cameras(self, state: PointState) -> Array:
+        return state.cam_from_world[self._views.camera].move(state.xyz[self._views.point])
+
+    def residual(self, state: PointState) -> Array:
+        views = self._views
         longer, late_s, drift = state.terms[views.camera].T
-        away = lenses.px(views.camera, in_cameras(state)) - centre
+        away = self._lenses.px(views.camera, self._in_cameras(state)) - self._centre
         # a frame stamped late shows an earlier moment
-        predicted = centre + away * (1 + longer)[:, None] - views.velocity_px_s * (late_s + drift * views.since_s)[:, None]
-        return np.asarray((predicted - views.xy_img) / scale)
+        late_px = views.velocity_px_s * (late_s + drift * views.since_s)[:, None]
+        return np.asarray((self._centre + away * (1 + longer)[:, None] - late_px - views.xy_img) / self._scale)
 
-    def linearise(state: PointState) -> Linearised:
-        cam = in_cameras(state)
+    def linearise(self, state: PointState) -> Linearised:
+        views, cam, scale = self._views, self._in_cameras(state), self._scale[..., None]
         longer = (1 + state.terms[views.camera, FOCAL])[:, None, None]
-        d_cam = lenses.px_jacobian(views.camera, cam) * longer / scale[..., None]
+        d_cam = self._lenses.px_jacobian(views.camera, cam) * longer / scale
         turned = cam - state.cam_from_world.t[views.camera]
         pose = np.concatenate([-d_cam @ hat(turned), d_cam], axis=2)
         in_world = d_cam @ state.cam_from_world.R[views.camera]
-        away = lenses.px(views.camera, cam) - centre
+        away = self._lenses.px(views.camera, cam) - self._centre
         late = -views.velocity_px_s
-        terms = np.stack([away, late, late * views.since_s[:, None]], axis=2) / scale[..., None]
-        blocks = (ResidualBlock(pose, views.camera, count), ResidualBlock(terms, views.camera, count, prior, state.terms))
-        return Linearised(residual(state), blocks, in_world, views.point)
+        terms = np.stack([away, late, late * views.since_s[:, None]], axis=2) / scale
+        blocks = (
+            ResidualBlock(pose, views.camera, self._count),
+            ResidualBlock(terms, views.camera, self._count, self._prior, state.terms),
+        )
+        return Linearised(blocks, in_world, views.point)
 
-    def step(state: PointState, blocks: list[Array], local: Array) -> PointState:
+    def step(self, state: PointState, blocks: list[Array], local: Array) -> PointState:
         return PointState(state.cam_from_world.stepped(blocks[0]), state.xyz + local, state.terms + blocks[1])
 
-    return Problem(
-        residual=residual, linearise=linearise, step=step, free=_free(count, freedom), local_count=views.point_count,
-        group=np.arange(len(views.camera)), group_count=len(views.camera), cauchy=_CAUCHY,
-        prior_cost=lambda state: float((prior * state.terms**2).sum()),
-    )  # fmt: skip
+    def prior_cost(self, state: PointState) -> float:
+        return float((self._prior * state.terms**2).sum())

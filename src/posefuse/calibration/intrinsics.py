@@ -13,8 +13,7 @@ from typing import Any
 import cv2
 import numpy as np
 
-from posefuse.calibration.extrinsics.limits import LIMITS
-from posefuse.calibration.report import CalibrationReport, Check
+from posefuse.calibration.report import LIMITS, CalibrationReport, Check
 from posefuse.calibration.targets.corners import CornerObservations
 from posefuse.calibration.targets.coverage import coverage
 from posefuse.calibration.targets.kinds import BOARD_PATCH, LEAST_CORNERS, Target, check_board, in_a_plane
@@ -156,14 +155,12 @@ class _Solved:
 
 def _solve(views: list[_View], size_wh: tuple[int, int]) -> _Solved:
     """The richest lens model whose last coefficients all differ from 0 by three standard errors."""
-    solved = None
     for flags, newest in _MODELS:
         solved = _solve_model(views, size_wh, flags)
         values = dict(zip(PARAMETERS[4:], solved.distortion, strict=True))
         sigma = dict(zip(PARAMETERS, solved.sigma, strict=True))
         if any(abs(values[n]) > _SIGNIFICANT * sigma[n] for n in newest):
             break
-    assert solved is not None
     return solved
 
 

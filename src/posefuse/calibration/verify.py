@@ -2,17 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations
 
 import numpy as np
 
-from posefuse.calibration.extrinsics.prop_solve import Freedom, PropSolution, solve_prop
+from posefuse.calibration.extrinsics.prop_solve import Freedom, PropSolution
 from posefuse.calibration.extrinsics.snapshots import Snapshots, evenly, snapshots
-from posefuse.calibration.extrinsics.world import aligned, patch_track, rig_state, triangulate_linear
-from posefuse.calibration.projection import Lenses
-from posefuse.calibration.rotations import angle_between, centre_covariance_m2
+from posefuse.calibration.extrinsics.world import aligned, placed_by_rig, triangulate_linear
+from posefuse.calibration.geometry import Lenses, angle_between, centre_covariance_m2
 from posefuse.calibration.targets.corners import CornerObservations
 from posefuse.calibration.targets.coverage import CELLS_WH, cell_of
 from posefuse.calibration.targets.kinds import Chessboard, Target, patch_corners
@@ -154,27 +153,12 @@ def _against(rig: Rig, views: Snapshots, target: Target, c: int, others: Iterabl
     shared = np.unique(views.time_step[np.isin(views.camera, trusted)])
     seen = views.rows(np.isin(views.camera, [*trusted, c]) & np.isin(views.time_step, shared))
     count = len(np.unique(seen.time_step[seen.camera == c]))
-    enough = trusted and count >= VERIFY_LIMITS.views
-    freed = _freed(rig, seen, target, c) if enough else None
-    return CameraError(name=rig.names[c], views=count) if freed is None else _error(rig, *freed, target=target, c=c, count=count)
-
-
-def _freed(rig: Rig, seen: Snapshots, target: Target, c: int) -> tuple[PropSolution, Snapshots] | None:
-    corners, cameras = patch_corners(target, seen.patches), tuple(rig)
-    track = patch_track(rig, seen.rows(seen.camera != c), corners)
-    known = np.asarray(np.isfinite(track.t).all(axis=1))
-    if not known.any():
-        return None
-    seen = seen.rows(known[seen.time_step])
-    focal_px = _FREE_FOCAL * cameras[c].K[0, 0]
+    focal_px = _FREE_FOCAL * rig.cameras[c].K[0, 0]
     sigma = np.array([focal_px, focal_px, _HELD_PX, _HELD_PX, _HELD_BEND, _HELD_BEND])
-    return solve_prop(
-        seen,
-        corners,
-        cameras,
-        rig_state(rig, track),
-        Freedom(reference=None, held_patches=None, offset=True, drift=False, lens_sigma=sigma, lens_of=(c,), moving=(c,)),
-    ), seen
+    freedom = Freedom(reference=None, held_patches=None, offset=True, lens_sigma=sigma, lens_of=(c,), moving=(c,))
+    enough = trusted and count >= VERIFY_LIMITS.views
+    freed = placed_by_rig(rig, seen, seen.rows(seen.camera != c), target, freedom) if enough else None
+    return CameraError(name=rig.names[c], views=count) if freed is None else _error(rig, *freed, target=target, c=c, count=count)
 
 
 def _effect(rig: Rig, solution: PropSolution, seen: Snapshots, target: Target, c: int) -> tuple[float, float]:
@@ -362,19 +346,37 @@ def _rms(square: Array) -> Array:
         return np.asarray(np.sqrt(np.where(known, square, 0.0).sum(axis=1) / known.sum(axis=1)))
 
 
-def _exchanged(rig: Rig, xy: Array) -> str:
-    """Which two cameras have each other's name, in words; empty where no exchange makes the rays of corners (C, P, 2) meet."""
-    off_px = {}
-    for a, b in [(0, 0), *combinations(range(len(rig)), 2)]:
+def exchanged_cameras(rig: Rig, misfit: Callable[[Array], float], most: float) -> tuple[list[tuple[int, int]], float]:
+    """Pairs of cameras with images of one size whose exchange leaves less than `most`: the best, and others about as good.
+
+    Args:
+        misfit: of the rig, with the cameras' images in an order (C,).
+
+    Returns:
+        The pairs, none where no exchange leaves so little; and what the best one leaves.
+    """
+    left = {}
+    for a, b in combinations(range(len(rig)), 2):
         if rig.cameras[a].size_wh == rig.cameras[b].size_wh:
             order = np.arange(len(rig))
             order[[a, b]] = b, a
-            off_px[a, b] = _median_px(rig, xy[order])
-    best_px, now_px = min(off_px.values()), off_px[0, 0]
-    if not best_px < _EXCHANGE_LEAVES * now_px:
-        return ""
-    alike = (f"{rig.names[a]} and {rig.names[b]}" for (a, b), px in off_px.items() if px < _EXCHANGE_ALIKE * best_px)
-    return f"{' or '.join(alike)} have exchanged names: so corners are {best_px:.1f} px off, not {now_px:.1f}"
+            left[a, b] = misfit(order)
+    best = min(left.values(), default=np.inf)
+    as_good = _EXCHANGE_ALIKE * best if best < most else -np.inf
+    return [pair for pair, value in left.items() if value < as_good], best
+
+
+def pairs_in_words(rig: Rig, pairs: Sequence[tuple[int, int]]) -> str:
+    """Either pair of cameras, by their names."""
+    return " or ".join(f"{rig.names[a]} and {rig.names[b]}" for a, b in pairs)
+
+
+def _exchanged(rig: Rig, xy: Array) -> str:
+    """Which two cameras have each other's name, in words; empty where no exchange makes the rays of corners (C, P, 2) meet."""
+    now_px = _median_px(rig, xy)
+    pairs, best_px = exchanged_cameras(rig, lambda order: _median_px(rig, xy[order]), _EXCHANGE_LEAVES * now_px)
+    words = f"{pairs_in_words(rig, pairs)} have exchanged names: so corners are {best_px:.1f} px off, not {now_px:.1f}"
+    return words if pairs else ""
 
 
 def _median_px(rig: Rig, xy: Array) -> float:

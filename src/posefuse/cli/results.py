@@ -111,8 +111,8 @@ def compare(
         align_first: Align in space by the first S seconds only, so that drift shows.
     """
     if out is not None:
+        from posefuse.foundation.output_file import check_outside_inputs
         from posefuse.foundation.output_folder import check_replaceable
-        from posefuse.foundation.places import check_outside_inputs
 
         check_outside_inputs(out, (a, b))
         check_replaceable(out, command="compare", replace=True)

@@ -12,8 +12,7 @@ from annotated_types import Ge
 
 from posefuse.core import ConfigError, Frame, Progress, Region, silent
 from posefuse.core.arrays import Array
-from posefuse.foundation.places import default_cache_dir
-from posefuse.foundation.platform import usable_cores
+from posefuse.foundation.platform import default_cache_dir, usable_cores
 from posefuse.foundation.settings import settings
 
 from .card import BLAZEPOSE_PERSONS, Card, EnsembleCard, LandmarkCard, NetworkCard, PersonCard, read_card

@@ -9,8 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from posefuse.core import Detector, Frame, ModelError, PosefuseError, Region
-from posefuse.foundation.places import default_cache_dir
-from posefuse.foundation.platform import usable_cores
+from posefuse.foundation.platform import default_cache_dir, usable_cores
 from posefuse.foundation.plugins import plugin_config
 
 from .build import DetectorChoice, with_network

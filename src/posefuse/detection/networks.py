@@ -19,8 +19,7 @@ from posefuse.core import ConfigError, Detections2D, Frame, Progress, Region, Sk
 from posefuse.core.arrays import Array
 from posefuse.core.protocols import NOISE_NOT_FITTED
 from posefuse.formats.joint_centres import read_joint_centres
-from posefuse.foundation.places import default_cache_dir
-from posefuse.foundation.platform import usable_cores
+from posefuse.foundation.platform import default_cache_dir, usable_cores
 from posefuse.foundation.settings import settings
 
 from .boxes import keypoints_of

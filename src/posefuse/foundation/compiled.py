@@ -21,7 +21,7 @@ import numba
 from llvmlite import binding
 from numba import config, njit
 
-from .places import default_cache_dir
+from .platform import default_cache_dir
 
 _PACKAGE = Path(__file__).resolve().parents[1]
 _KEPT_S = 14 * 86400.0  # the folder of another version goes when it was not used for so long

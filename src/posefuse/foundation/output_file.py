@@ -1,4 +1,4 @@
-"""Single files of results: an existing one is never lost."""
+"""Single files of results, never onto, around or into what they are made from, and only where there is room; none is lost."""
 
 from __future__ import annotations
 
@@ -10,11 +10,73 @@ import secrets
 import shutil
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
+from datetime import datetime
 from pathlib import Path
 
 from posefuse.core import DiskFullError, InputError
 
-from .places import check_outside_inputs, name_aside
+
+def real_path(path: Path) -> Path:
+    """Absolute path without links; raises InputError for links that lead in a circle."""
+    try:
+        return path.resolve()
+    except (OSError, RuntimeError) as error:
+        raise InputError(f"{path}: cannot be followed ({error}); name another place") from None
+
+
+def check_outside_inputs(path: Path, inputs: Sequence[Path]) -> None:
+    """Raise InputError where `path` is, contains or lies inside one of `inputs`, under whatever name it is reached.
+
+    Folders are compared by identity on their disk, so links and capital letters make no difference where the disk makes none.
+    """
+    target = real_path(path)
+    for given in inputs:
+        source = real_path(given)
+        if _same(target, source):
+            raise InputError(f"{path}: this is the input {given} itself; choose another place for the results")
+        if _inside(target, source):
+            raise InputError(f"{path}: this lies inside the input {given}; choose a place outside it for the results")
+        if _inside(source, target):
+            raise InputError(f"{path}: this contains the input {given}; choose another place for the results")
+
+
+def check_space(folder: Path, needed_bytes: int) -> None:
+    """Raise InputError where the disk of an existing `folder` has less than `needed_bytes` free."""
+    free_bytes = shutil.disk_usage(folder).free
+    if free_bytes < needed_bytes:
+        raise InputError(
+            f"{folder}: about {needed_bytes / 1e6:,.0f} MB will be written, {free_bytes / 1e6:,.0f} MB are free; "
+            "make room or choose another disk"
+        )
+
+
+def holds_working_folder(folder: Path) -> bool:
+    """Whether the folder the program was started in is `folder` or lies inside it."""
+    return _inside(Path.cwd(), folder)
+
+
+def name_aside(path: Path) -> Path:
+    """A free name ``NAME.replaced-YYYYmmddTHHMMSS`` next to `path`, to move it to."""
+    name = f"{path.name}.replaced-{datetime.now():%Y%m%dT%H%M%S}"
+    candidate, count = path.with_name(name), 1
+    while candidate.exists() or candidate.is_symlink():
+        count += 1
+        candidate = path.with_name(f"{name}-{count}")
+    return candidate
+
+
+def _inside(path: Path, folder: Path) -> bool:
+    """Whether `path`, or a folder that it lies in, is `folder`."""
+    return any(_same(one, folder) for one in (path, *path.parents))
+
+
+def _same(path: Path, other: Path) -> bool:
+    """Whether the same is at both; False where nothing is at one of them."""
+    try:
+        return path.samefile(other)
+    except (OSError, ValueError):
+        return False
+
 
 # A file appears whole or not at all: written under another name in the same folder and renamed at the end.
 

@@ -17,8 +17,7 @@ from pathlib import Path
 from posefuse import __version__
 from posefuse.core import DiskFullError, InputError
 
-from .output_file import is_disk_full, new_folder
-from .places import check_outside_inputs, check_space, holds_working_folder, name_aside, real_path
+from .output_file import check_outside_inputs, check_space, holds_working_folder, is_disk_full, name_aside, new_folder, real_path
 
 # The mark that posefuse puts into every folder it makes, so that it never takes any other folder for its own.
 #

@@ -1,4 +1,4 @@
-"""What differs between Linux, macOS and Windows, in one place: cores, priorities, cameras, message channels."""
+"""What differs between Linux, macOS and Windows, in one place: cores, priorities, cameras, message channels, the cache."""
 
 from __future__ import annotations
 
@@ -10,6 +10,8 @@ import sys
 import threading
 from collections.abc import Iterator, Sequence
 from pathlib import Path
+
+import platformdirs
 
 # how FFmpeg reads USB cameras of each system; any other system is taken for one with Video4Linux
 _CAMERA_FORMATS = {"win32": "dshow", "darwin": "avfoundation"}
@@ -143,6 +145,13 @@ def _line(path: Path) -> str:
         return path.read_text(encoding="utf-8").strip()
     except OSError:
         return ""
+
+
+def default_cache_dir() -> Path:
+    """The user's cache folder: POSEFUSE_CACHE, else the system's place for caches (Linux: XDG_CACHE_HOME or ~/.cache)."""
+    if own := os.environ.get("POSEFUSE_CACHE"):
+        return Path(own)
+    return Path(platformdirs.user_cache_dir("posefuse", appauthor=False))
 
 
 def display() -> str:

@@ -13,8 +13,8 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
+from posefuse.calibration.geometry import nearest_rotation
 from posefuse.calibration.report import CalibrationReport, Check
-from posefuse.calibration.rotations import nearest_rotation
 from posefuse.core import Camera, Frame, SourceError
 from posefuse.core.arrays import Array
 from posefuse.sources import RecordedSource

@@ -1,4 +1,4 @@
-"""Rotation and clock error of each camera, estimated from points that several cameras see.
+"""Rotation and clock error of each camera, and the size of a network's errors, estimated from points that several cameras see.
 
 At every time step the points are triangulated from all cameras. Residuals are taken in metres at the point, because a 2D network
 errs by about the same share of a body in every view. The points are eliminated; the rest is linear in the rotations and clock
@@ -14,11 +14,13 @@ from functools import lru_cache
 from itertools import pairwise
 
 import numpy as np
+from scipy.special import gammaincinv
 
 from posefuse.calibration.extrinsics.world import linear_points
-from posefuse.calibration.rotations import hat
+from posefuse.calibration.geometry import hat
 from posefuse.core import Rig
 from posefuse.core.arrays import Array
+from posefuse.fusion import FuseSettings, triangulate
 
 # unknowns of a camera: its rotation about its own axes in rad, and the delay of its images in s
 UNKNOWNS, TURN, LATE = 4, slice(0, 3), slice(3, 4)
@@ -231,3 +233,36 @@ def _at(views: deque[tuple[int, Array]], t_ns: int) -> Array | None:
             share = (t_ns - before_ns) / (after_ns - before_ns)
             return np.asarray(before + share * (after - before))
     return None
+
+
+# fewer joints in a time step, seen by enough cameras, say nothing; and beyond these limits it is not the noise that is wrong
+_LEAST_SEEN = 200
+_LIMITS = (0.5, 3.0)
+
+
+def disagreement(rig: Rig, xy_img: Array, score: Array, sigma_px: Array, fusing: FuseSettings) -> Array:
+    """(R,) of every point whose views all agree: chi-square of its residuals over the median that is expected.
+
+    Errors that all cameras share are not seen by it.
+
+    Args:
+        xy_img: (..., C, K, 2) views of the points. score, sigma_px: (..., C, K).
+    """
+    solved = triangulate(rig, xy_img, score, sigma_px, settings=fusing)
+    off = (xy_img - np.moveaxis(rig.project(solved.xyz), 0, -3)) / sigma_px[..., None]
+    used: Array = np.isfinite(off).all(axis=-1) & (score >= fusing.score_min)
+    count = used.sum(axis=-2)
+    # coordinates that were seen less those of the point
+    freedom = 2 * count - 3
+    known = (freedom > 0) & (count == solved.n_views)
+    chi2 = (np.where(used[..., None], off, 0.0) ** 2).sum(axis=(-3, -1))[known]
+    return np.asarray(chi2 / (2 * gammaincinv(freedom[known] / 2, 0.5)))
+
+
+def noise_scale(shares: Array) -> float | None:
+    """By what the stated standard deviations are to be multiplied, from 0.5 to 3; None where too little is seen.
+
+    The Birge ratio (Birge 1932, "The calculation of errors by the method of least squares"): the root of chi-square over its
+    degrees of freedom. Here it is a median over joints and time steps whose views agree.
+    """
+    return float(np.clip(np.sqrt(np.median(shares)), *_LIMITS)) if len(shares) >= _LEAST_SEEN else None

@@ -9,10 +9,10 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from itertools import combinations
 
 import numpy as np
 
+from posefuse.calibration.verify import exchanged_cameras, pairs_in_words
 from posefuse.core import Rig
 from posefuse.core.arrays import Array, known_median
 
@@ -44,9 +44,9 @@ LEAST_CAMERAS = 3
 _APART = 0.5
 # distance between rays above which no rotation or delay is the explanation, and cameras may be swapped
 _GROSS_M, _MAY_BE_SWAPPED_M, _NOT_LINEAR = 0.1, 0.06, 0.25
-# chosen, not fitted: newest time steps that are tried with cameras exchanged; the exchange must leave less than this share of the
-# distance between rays; and pairs within this factor of the best one are named with it
-_SWAP_TIME_STEPS, _SWAP_GAIN, _SWAP_ALIKE = 10, 0.4, 1.5
+# chosen, not fitted: newest time steps that are tried with cameras exchanged; and the exchange must leave less than this share of
+# the distance between rays
+_SWAP_TIME_STEPS, _SWAP_GAIN = 10, 0.4
 _NEWEST_APART_S = 1.0
 
 
@@ -199,8 +199,12 @@ def _suspected(state: MonitorState, rig: Rig) -> RigFinding | None:
     if (short.points > 0).sum() < LEAST_CAMERAS or short.count < _LEAST_COUNT:
         return None
     apart_m = _misfit_over(rig, state.recent) if _misfit_m(short) > _MAY_BE_SWAPPED_M else 0.0
-    if apart_m > _MAY_BE_SWAPPED_M and (pairs := _exchanged(rig, state.recent, apart_m)):
-        return _swapped(rig, pairs, apart_m)
+    if apart_m > _MAY_BE_SWAPPED_M:
+        pairs, _ = exchanged_cameras(
+            rig, lambda order: _misfit_over(rig, [xy_img[order] for xy_img in state.recent]), _SWAP_GAIN * apart_m
+        )
+        if pairs:
+            return _swapped(rig, pairs, apart_m)
     worst = [_worst(state, memory) for memory in range(len(MEMORIES_S))]
     sure = [one for one in worst if one is not None]
     return _named(rig, max(sure, key=lambda one: one[0])[1]) if sure else None
@@ -258,13 +262,12 @@ def _named(rig: Rig, suspect: Suspect) -> RigFinding:
 
 
 def _swapped(rig: Rig, pairs: list[tuple[int, int]], gross_m: float) -> RigFinding:
-    words = " or ".join(f"{rig.names[a]} and {rig.names[b]}" for a, b in pairs)
     cameras = tuple(rig.names[c] for c in sorted({c for pair in pairs for c in pair}))
     return RigFinding(
         kind=SWAPPED,
         cameras=cameras,
         t_ns=0,
-        detail=f"{words} appear to be swapped: check the cables",
+        detail=f"{pairs_in_words(rig, pairs)} appear to be swapped: check the cables",
         displaced_m=gross_m,
     )
 
@@ -303,20 +306,6 @@ def _by_now(sums: Sums, finding: RigFinding, rig: Rig) -> tuple[RigFinding, floa
         would_m = now.displaced_m * abs(finding.amount) / max(abs(now.amount), 1e-9)
         return finding, finding.displaced_m * (abs(now.amount / finding.amount) if would_m > _LEAST_M else 1.0)
     return finding, now.displaced_m
-
-
-def _exchanged(rig: Rig, recent: Sequence[Array], now_m: float) -> list[tuple[int, int]]:
-    """Pairs of cameras whose exchange makes the rays meet: the best, and others about as good; none where none does."""
-    misfit_m = {}
-    for pair in combinations(range(len(rig)), 2):
-        order = np.arange(len(rig))
-        order[list(pair)] = pair[::-1]
-        if rig.cameras[pair[0]].size_wh == rig.cameras[pair[1]].size_wh:
-            misfit_m[pair] = _misfit_over(rig, [xy_img[order] for xy_img in recent])
-    best_m = min(misfit_m.values(), default=np.inf)
-    if not best_m < _SWAP_GAIN * now_m:
-        return []
-    return [pair for pair, m in misfit_m.items() if m < _SWAP_ALIKE * best_m]
 
 
 def _misfit_over(rig: Rig, recent: Sequence[Array]) -> float:

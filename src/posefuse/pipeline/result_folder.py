@@ -15,9 +15,9 @@ from posefuse import __version__
 from posefuse.core import DetectionBatch, InputError, Observations, Progress
 from posefuse.formats.detection_log import LOG_FILE, ObservationLog, is_in_use, read_log
 from posefuse.formats.recording import rig_values
+from posefuse.foundation.output_file import check_outside_inputs
 from posefuse.foundation.output_folder import MARK_FILE, OutputFolder, check_replaceable, find_unfinished, output_folder
 from posefuse.foundation.parsing import plain
-from posefuse.foundation.places import check_outside_inputs
 
 from .config import TrackConfig
 from .opening import Opened

@@ -35,11 +35,11 @@ from posefuse.core.protocols import NOISE_NOT_FITTED
 from posefuse.core.view_sequences import people_in, views_over_time
 from posefuse.detection.build import fetch_networks
 from posefuse.foundation.compiled import compiling
+from posefuse.foundation.output_file import check_space
 from posefuse.foundation.parsing import plain
-from posefuse.foundation.places import check_space
 from posefuse.fusion import FuseSettings, fuse
 from posefuse.health.background import background_of
-from posefuse.health.noise_scale import disagreement, noise_scale
+from posefuse.health.misalignment import disagreement, noise_scale
 from posefuse.health.recorded import checked_rig
 from posefuse.sources.video import recorded_at
 from posefuse.tracking import smooth
@@ -181,7 +181,7 @@ _NOISE_TIME_STEPS = 1000
 
 
 def recorded_noise_scale(observations: Observations, rig: Rig, fusing: FuseSettings) -> float | None:
-    """Of the limb joints of a recording, see `health.noise_scale`; None where too little is seen."""
+    """Of the limb joints of a recording, see `health.misalignment.noise_scale`; None where too little is seen."""
     every = max(1, len(observations.step_t_ns) // _NOISE_TIME_STEPS)
     some = observations.part(slice(None, None, every))
     views, limbs = views_over_time(some, people_in(some)[0].tolist()), limb_keypoints(some.skeleton.keypoints)

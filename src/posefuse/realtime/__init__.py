@@ -8,8 +8,7 @@ if TYPE_CHECKING:
     from .config import LiveConfig
     from .inputs import inputs_from_arguments
     from .latency import ViewTimes
-    from .messages import SessionClock
-    from .outputs import OutputPlan
-    from .session import LivePlan, run_live
+    from .messages import LivePlan, SessionClock
+    from .session import run_live
 
 __getattr__ = lazy_names(__name__, __file__)

@@ -8,17 +8,15 @@ and counted.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
 
 from posefuse.association import CLOTHING_TRAITS, UNNAMED, Identity, associate, median_clothing, with_persons
-from posefuse.association.settings import AssociateSettings
-from posefuse.core import Detections2D, JointCentres, Kind, LiveJointCentres, Pose3D, Rig, Skeleton, Views
+from posefuse.core import Detections2D, JointCentres, Kind, LiveJointCentres, Pose3D, Rig, Skeleton
 from posefuse.core.arrays import Array
 from posefuse.fusion import fuse
-from posefuse.fusion.settings import FuseSettings
 from posefuse.kinematics import JointTracker
 from posefuse.kinematics.body import FEWEST_SEEN, LIVE_BODY, Length, LiveBody, LiveBodyRules, LiveRays, TrackedPoints
 from posefuse.kinematics.joints import FrameBuffers
@@ -372,18 +370,11 @@ def _new(rig: Rig, skeleton: Skeleton, config: LiveConfig, motion: LiveMotion, r
     associating = replace(config.associate, max_people=config.track.max_people)
     motion = replace(motion, score_min=config.fuse.score_min, sigma_share=config.fuse.sigma_share)
 
-    solve, fuse_views = build_solve(rig, associating, config.fuse), build_fuse(rig, config.fuse)
-    tracker = Tracker(Model(rig, skeleton, config.track, motion), solve, fuse_views)
+    def solve(views: Sequence[Detections2D], previous: Pose3D | None) -> Pose3D:
+        return fuse(associate(views, rig, associating, previous), rig, config.fuse, previous)
+
+    model = Model(rig, skeleton, config.track, motion)
+    tracker = Tracker(model, solve, lambda views: fuse(views, rig, config.fuse))
     bodies = None if config.body == "off" else LiveSkeletons(rig, skeleton, config, rules)
     centring, gate = Centring(rig.names, config.joint_centres), KeypointGate(config.gate)
     return Estimator(NamedTracker(tracker, config.track), centring, bodies, gate)
-
-
-def build_solve(rig: Rig, associating: AssociateSettings, fusing: FuseSettings) -> Callable[..., Pose3D]:
-    """Association and fusion of the views of one time, as trackers take it."""
-    return lambda views, previous: fuse(associate(views, rig, associating, previous), rig, fusing, previous)
-
-
-def build_fuse(rig: Rig, fusing: FuseSettings) -> Callable[[Views], Pose3D]:
-    """Fusion of the views of one time, as trackers take it."""
-    return lambda views: fuse(views, rig, fusing)

@@ -1,4 +1,4 @@
-"""The session's clock, where views come from, messages between camera groups and the fusion, requests of its user.
+"""A session as it was asked for, its clock, where views come from, messages of camera groups, requests of its user.
 
 Plain values; times are session time unless stated otherwise.
 """
@@ -10,14 +10,18 @@ import time
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, Protocol
+from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 
-from posefuse.core import CameraHealth, Detections2D, JointCentres, LiveJointCentres, LiveOutputConfig, Skeleton
+from posefuse.core import CameraHealth, Detections2D, JointCentres, LiveJointCentres, LiveOutputConfig, Rig, Skeleton
 from posefuse.core.arrays import Array
 from posefuse.foundation.channel import Channel
 from posefuse.health.cameras import CameraState
+
+if TYPE_CHECKING:
+    from .capture import LiveInput
+    from .config import LiveConfig
 
 
 @dataclass(frozen=True)
@@ -38,6 +42,22 @@ class SessionClock:
     def now_ns(self) -> int:
         """Session time."""
         return time.monotonic_ns() + self.offset_ns
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class LivePlan:
+    """A session as it was asked for; all of it is checked.
+
+    Attributes:
+        rig: all calibrated cameras. inputs: sources of those of this machine that take part. outputs: configs by name.
+        duration_s: the session ends after this time; None: no limit.
+    """
+
+    rig: Rig
+    inputs: tuple[LiveInput, ...]
+    config: LiveConfig
+    outputs: Mapping[str, LiveOutputConfig]
+    duration_s: float | None = None
 
 
 @dataclass(frozen=True)

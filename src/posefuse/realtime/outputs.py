@@ -2,18 +2,35 @@
 
 from __future__ import annotations
 
+import json
 import time
 from collections import deque
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field, replace
-from typing import Any, Protocol
+from contextlib import suppress
+from dataclasses import asdict, replace
+from typing import Any
 
-from posefuse.core import InputError, LiveDetections, LiveMessage, LiveOutputConfig, LiveStart, OutputHealth, Rig
+from posefuse import __version__
+from posefuse.core import (
+    InputError,
+    LiveDetections,
+    LiveHealth,
+    LiveMessage,
+    LiveOutputConfig,
+    LivePose,
+    LivePreview,
+    LiveStart,
+    OutputHealth,
+    Rig,
+)
 from posefuse.core.live_messages import FAILED, OK
+from posefuse.formats.recording import rig_values
+from posefuse.foundation.channel import Channel, ChannelClosed
 from posefuse.foundation.worker import Worker
 from posefuse.health.cameras import Event
 
-from .messages import RemoveOutput, SessionClock, Stop
+from .config import LiveConfig
+from .messages import LivePlan, RemoveOutput, SessionClock, Stop
 from .output_process import END_S, HANGS, OPENING, OutputAdded, OutputsHealth, keep, run_outputs
 
 PROCESS = "process"
@@ -26,54 +43,35 @@ _BATCH_S = 0.05
 _END_SEND_S = 0.3
 
 
-class SessionReader(Protocol):
-    """A program that reads a session."""
+class SessionReader:
+    """The end of a session of the program that began it: what it is given, never waiting for it. `images`: small images, too."""
 
-    takes: tuple[type[LiveMessage], ...]
+    def __init__(self, channel: Channel, images: bool) -> None:
+        self.takes = (LiveStart, LivePose, LiveHealth, *((LiveDetections, LivePreview) if images else ()))
+        self._channel = channel
+        # detections of frames without an image stay here
+        self._views: dict[str, LiveDetections] = {}
 
     def take(self, message: LiveMessage) -> None:
-        """Send it on without waiting."""
-        ...
+        """Send it on; a program that is gone is noticed by the thread of its requests."""
+        if isinstance(message, LiveDetections):
+            self._views[message.detections.camera] = message
+            return
+        with suppress(ChannelClosed):
+            if isinstance(message, LivePreview) and (view := self._views.get(message.camera)) is not None:
+                self._channel.send(view)
+            self._channel.send(message)
 
 
-@dataclass(frozen=True, kw_only=True)
-class OutputPlan:
-    """Where a session sends its results.
-
-    Attributes:
-        rig: the cameras. clock: of the session. rate_hz: output rate. configs: of the outputs, by name.
-        notes: how the session was made, see `notes_of`. names: of the people, in the order of their ids.
-        reader: the program that began the session, if any; takes messages in the session's own thread, the first one at once.
-    """
-
-    rig: Rig
-    clock: SessionClock
-    rate_hz: float = 100.0
-    configs: Mapping[str, LiveOutputConfig] = field(default_factory=dict)
-    notes: Mapping[str, str] = field(default_factory=dict)
-    names: tuple[str, ...] = ()
-    reader: SessionReader | None = None
-
-    def wants(self, kind: type[LiveMessage]) -> bool:
-        """Whether any output, or the reader, takes such messages."""
-        read = self.reader is not None and kind in self.reader.takes
-        return read or any(kind in config.takes for config in self.configs.values())
-
-    @property
-    def wants_newest(self) -> bool:
-        """Whether any output is better off with a message now than with all of them later."""
-        return not all(config.keeps_all for config in self.configs.values())
-
-    def start(self) -> LiveStart:
-        """The first message."""
-        return LiveStart(
-            t_ns=self.clock.now_ns(),
-            rig=self.rig,
-            rate_hz=self.rate_hz,
-            clock_offset_ns=self.clock.offset_ns,
-            notes=self.notes,
-            names=self.names,
-        )
+def notes_of(rig: Rig, config: LiveConfig) -> dict[str, str]:
+    """How a session was made, as texts for a file."""
+    return {
+        "posefuse": __version__,
+        "cameras": json.dumps(rig.names),
+        "rig_id": rig.id,
+        "rig": json.dumps(rig_values(rig)),
+        "settings": json.dumps(asdict(config), default=str),
+    }
 
 
 def check_live_outputs(configs: Mapping[str, LiveOutputConfig]) -> None:
@@ -85,6 +83,10 @@ def check_live_outputs(configs: Mapping[str, LiveOutputConfig]) -> None:
 class OutputProcess:
     """Offers messages to the reader and the process of the outputs, and never waits; without outputs there is no process.
 
+    Args:
+        plan, clock: of the session. reader: the program that began it, if any; takes messages in the session's own thread, the
+            first one at once.
+
     Attributes:
         lost: messages the process had no room for, or that came while there was no process.
         health: of every output, by name.
@@ -92,12 +94,12 @@ class OutputProcess:
         event_count: of all there ever were.
     """
 
-    def __init__(self, plan: OutputPlan) -> None:
+    def __init__(self, plan: LivePlan, clock: SessionClock, reader: SessionReader | None = None) -> None:
         self.lost = 0
-        self.health: dict[str, OutputHealth] = {name: OutputHealth(state=OPENING) for name in plan.configs}
+        self.health: dict[str, OutputHealth] = {name: OutputHealth(state=OPENING) for name in plan.outputs}
         self.events: deque[Event] = deque(maxlen=1000)
         self.event_count = 0
-        self._plan = plan
+        self._plan, self._clock, self._reader, self._configs = plan, clock, reader, dict(plan.outputs)
         self._first: LiveStart | None = None
         self._kept: dict[object, LiveMessage] = {}
         # messages that were not sent yet, and since when there are any
@@ -108,10 +110,32 @@ class OutputProcess:
         self._changes: list[OutputAdded | RemoveOutput] = []
         self._deaths = 0
         self._worker = Worker(run_outputs)
-        if plan.reader is not None:
-            plan.reader.take(plan.start())
-        if plan.configs:
+        if reader is not None:
+            reader.take(self._start())
+        if self._configs:
             self._begin()
+
+    def wants(self, kind: type[LiveMessage]) -> bool:
+        """Whether any output, or the reader, takes such messages."""
+        read = self._reader is not None and kind in self._reader.takes
+        return read or any(kind in config.takes for config in self._configs.values())
+
+    @property
+    def wants_newest(self) -> bool:
+        """Whether any output is better off with a message now than with all of them later."""
+        return not all(config.keeps_all for config in self._configs.values())
+
+    def _start(self) -> LiveStart:
+        """The first message."""
+        rig, config = self._plan.rig, self._plan.config
+        return LiveStart(
+            t_ns=self._clock.now_ns(),
+            rig=rig,
+            rate_hz=config.rate_hz,
+            clock_offset_ns=self._clock.offset_ns,
+            notes=notes_of(rig, config),
+            names=config.names,
+        )
 
     @property
     def failed(self) -> bool:
@@ -120,7 +144,7 @@ class OutputProcess:
 
     def whereabouts(self) -> str:
         """In which process they are, in words."""
-        return f"outputs {' '.join(self._plan.configs)} in process {self._worker.pid}" if self._worker.running else ""
+        return f"outputs {' '.join(self._configs)} in process {self._worker.pid}" if self._worker.running else ""
 
     def figures(self) -> dict[str, dict[str, Any]]:
         """Per output, what happened to what it was given."""
@@ -146,10 +170,9 @@ class OutputProcess:
 
         To the outputs it goes with others, soon; a pose at once where an output wants the newest.
         """
-        reader = self._plan.reader
-        if reader is not None and isinstance(message, reader.takes):
-            reader.take(message)
-        wanted = any(isinstance(message, config.takes) for config in self._plan.configs.values())
+        if self._reader is not None and isinstance(message, self._reader.takes):
+            self._reader.take(message)
+        wanted = any(isinstance(message, config.takes) for config in self._configs.values())
         if not (keep(message, self._kept) or wanted) or not self.health:
             return
         if not self._ready:
@@ -159,7 +182,7 @@ class OutputProcess:
         if not self._batch:
             self._batch_s = now_s
         self._batch.append(message)
-        urgent = not isinstance(message, LiveDetections) and self._plan.wants_newest
+        urgent = not isinstance(message, LiveDetections) and self.wants_newest
         if urgent or now_s - self._batch_s >= _BATCH_S:
             self._send_batch()
 
@@ -182,22 +205,22 @@ class OutputProcess:
                 self._set_all(HANGS, f"process {worker.pid} has reported nothing for {_SILENT_S:g} s")
         self._change()
         self._note_death()
-        if self._plan.configs and worker.due():
+        if self._configs and worker.due():
             self._begin()
 
     def add(self, name: str, config: LiveOutputConfig) -> None:
         """Open another output; one of the same name that is open stays."""
-        if name in self._plan.configs:
+        if name in self._configs:
             return
-        self._plan = replace(self._plan, configs={**self._plan.configs, name: config})
+        self._configs[name] = config
         self.health[name] = OutputHealth(state=OPENING)
         # a process that is started for it opens all there are
         if self._worker.running:
-            self._change(OutputAdded(name, config, self._plan.start(), list(self._kept.values())))
+            self._change(OutputAdded(name, config, self._start(), list(self._kept.values())))
 
     def remove(self, name: str) -> None:
         """Finish and close an output; it stays in `health` until that is done."""
-        self._plan = replace(self._plan, configs={other: one for other, one in self._plan.configs.items() if other != name})
+        self._configs.pop(name, None)
         self._change(RemoveOutput(name))
 
     def _change(self, change: OutputAdded | RemoveOutput | None = None) -> None:
@@ -225,10 +248,10 @@ class OutputProcess:
 
     def _begin(self) -> None:
         self._note_death()
-        self._first = self._first or self._plan.start()
+        self._first = self._first or self._start()
         first = replace(self._first, part=1 + max((health.failures for health in self.health.values()), default=0))
         self._ready, kept = False, list(self._kept.values())
-        self._changes = [OutputAdded(name, one, first, kept, self.health[name]) for name, one in self._plan.configs.items()]
+        self._changes = [OutputAdded(name, one, first, kept, self.health[name]) for name, one in self._configs.items()]
         self._worker.start()
 
     def _take(self, message: OutputsHealth | None) -> None:
@@ -236,7 +259,7 @@ class OutputProcess:
             self._ready, self._finished = True, message.final
             self._change()
             self._learn(message.health)
-            for name in [name for name in self.health if name not in message.health and name not in self._plan.configs]:
+            for name in [name for name in self.health if name not in message.health and name not in self._configs]:
                 del self.health[name]
 
     def _learn(self, health: Mapping[str, OutputHealth]) -> None:
@@ -268,4 +291,4 @@ class OutputProcess:
 
     def _event(self, output: str, state: str, text: str) -> None:
         self.event_count += 1
-        self.events.append(Event(self._plan.clock.now_ns(), output, state, text))
+        self.events.append(Event(self._clock.now_ns(), output, state, text))

@@ -1,7 +1,7 @@
 """The rig, watched while it is used: cameras that were moved, exchanged or run unsynchronised, and how far clocks are apart.
 
 All is asked of what the cameras see of one person; so is the scale of noise that was not fitted. The work (`health.rig_monitor`,
-`clock_finding`, `noise_scale`) is done in a process of its own, so that the output tick never waits for it.
+`clock_finding`, `misalignment`) is done in a process of its own, so that the output tick never waits for it.
 """
 
 from __future__ import annotations
@@ -24,8 +24,7 @@ from posefuse.foundation.worker import Worker
 from posefuse.fusion import FuseSettings
 from posefuse.health import rig_monitor as monitor
 from posefuse.health.clock_finding import ClockFinder
-from posefuse.health.misalignment import CommonTimeSteps
-from posefuse.health.noise_scale import disagreement, noise_scale
+from posefuse.health.misalignment import CommonTimeSteps, disagreement, noise_scale
 from posefuse.tracking.settings import LASTING_S, LASTING_SHARE
 
 _S = 1e9

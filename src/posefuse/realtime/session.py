@@ -1,40 +1,25 @@
 """A live session from views to outputs: processes started, the output rate kept, everything ended again.
 
 For `posefuse.live` it runs in a process of its own (`serve`): the program that uses the poses cannot delay the output rate. Its
-plan is an argument; poses, health and news go over the channel, requests come back over it.
+plan is an argument; poses, health and lines of news go over the channel, requests come back over it.
 """
 
 from __future__ import annotations
 
 import _thread
-import json
 import math
 import os
 import signal
 import threading
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import AbstractContextManager, ExitStack, contextmanager, suppress
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from posefuse import __version__
-from posefuse.core import (
-    LiveDetections,
-    LiveHealth,
-    LiveMessage,
-    LiveNames,
-    LiveOutputConfig,
-    LivePose,
-    LivePreview,
-    LiveStart,
-    PosefuseError,
-    Rig,
-    SourceError,
-)
-from posefuse.formats.recording import rig_values
+from posefuse.core import LiveNames, LivePose, LivePreview, PosefuseError, Rig, SourceError
 from posefuse.foundation.channel import Channel, ChannelClosed
 from posefuse.foundation.compiled import compiling
 from posefuse.foundation.platform import peak_memory_mb, punctual, usable_cores
@@ -42,15 +27,25 @@ from posefuse.foundation.requests_to_end import HANG_UP, REQUESTS_TO_END, Repeat
 from posefuse.kinematics import JointTracker
 
 from .capture import LiveInput, keeping_packets
-from .config import LiveConfig
 from .estimator import warmed_up
 from .fusion import Fusion
 from .group import GroupPlan
 from .inputs import rig_of_inputs
-from .messages import AddOutput, KeepVideos, NamePerson, RemoveOutput, Requests, SessionClock, ShowImages, Stop, ViewSource
+from .messages import (
+    AddOutput,
+    KeepVideos,
+    LivePlan,
+    NamePerson,
+    RemoveOutput,
+    Requests,
+    SessionClock,
+    ShowImages,
+    Stop,
+    ViewSource,
+)
 from .networks import devices_of, on_device, settled_network
 from .news import LEAST_CAMERAS, LEAST_SHARE, News, Say, never_waiting
-from .outputs import OutputPlan, OutputProcess, SessionReader
+from .outputs import OutputProcess, SessionReader
 from .processes import Groups
 from .rig_watch import watching
 
@@ -78,22 +73,6 @@ class Finished:
     restarts: int
     cpu_s: tuple[float, float]
     memory_mb: float
-
-
-@dataclass(frozen=True, eq=False, kw_only=True)
-class LivePlan:
-    """A session with cameras of this machine, as it was asked for; all of it is checked.
-
-    Attributes:
-        rig: all calibrated cameras. inputs: sources of those that take part. outputs: configs by name.
-        duration_s: the session ends after this time; None: no limit.
-    """
-
-    rig: Rig
-    inputs: tuple[LiveInput, ...]
-    config: LiveConfig
-    outputs: Mapping[str, LiveOutputConfig]
-    duration_s: float | None
 
 
 def closing_lines(fusion: Fusion) -> Iterator[str]:
@@ -128,29 +107,20 @@ def run_live(
     """A session with cameras of this machine: until the time is over, all sources have ended, or Ctrl-C.
 
     Args:
-        reader: a program that takes messages, see `OutputPlan`. requests: what is changed on the way.
+        reader: a program that takes messages, see `OutputProcess`. requests: what is changed on the way.
         videos: an existing folder that takes every camera's video; None: none are kept.
 
     Raises:
         SourceError: fewer than two cameras, or one that cannot be opened.
         InputError: an output that cannot be opened.
     """
-    inputs, config = plan.inputs, plan.config
-    check_enough(inputs)
-    rig = plan.rig.only(entry.camera for entry in inputs)
+    check_enough(plan.inputs)
+    plan = replace(plan, rig=plan.rig.only(entry.camera for entry in plan.inputs))
     with never_waiting(say) as say_soon:
-        config = replace(config, detector=settled_network(config.detector, len(inputs), say_soon))
-        outputs = OutputPlan(
-            rig=rig,
-            clock=SessionClock.begin(),
-            rate_hz=config.rate_hz,
-            configs=plan.outputs,
-            notes=notes_of(rig, config),
-            names=config.names,
-            reader=reader,
-        )
-        plans = group_plans(rig, inputs, config, outputs, videos)
-        return run_session(outputs, config, lambda: Groups(plans), say_soon, duration_s=plan.duration_s, requests=requests)
+        detector = settled_network(plan.config.detector, len(plan.inputs), say_soon)
+        plan, clock = replace(plan, config=replace(plan.config, detector=detector)), SessionClock.begin()
+        groups = group_plans(plan, clock, videos)
+        return run_session(plan, clock, lambda: Groups(groups), say_soon, reader=reader, requests=requests)
 
 
 def check_enough(inputs: Sequence[LiveInput]) -> None:
@@ -160,27 +130,26 @@ def check_enough(inputs: Sequence[LiveInput]) -> None:
 
 
 def run_session(
-    plan: OutputPlan,
-    config: LiveConfig,
+    plan: LivePlan,
+    clock: SessionClock,
     open_views: Callable[[], AbstractContextManager[ViewSource]],
     say: Say,
     *,
-    duration_s: float | None,
     remote: bool = False,
+    reader: SessionReader | None = None,
     requests: Requests | None = None,
 ) -> Finished:
     """Outputs, tracker, joint centres, rig watch and fusion around the views that `open_views()` brings.
 
     Args:
-        plan: where results go, with the cameras and the clock. config: all settings.
-        duration_s: the session ends after this time; None: no limit. requests: what is changed on the way.
+        plan: with the cameras that take part. reader, requests: as of `run_live`.
         remote: views come from other machines, whose clocks are compared on the way.
 
     Raises:
         SourceError: views that cannot come.
         InputError: an output that cannot be opened.
     """
-    rig, clock, outputs = plan.rig, plan.clock, OutputProcess(plan)
+    rig, config, outputs = plan.rig, plan.config, OutputProcess(plan, clock, reader)
     try:
         with ExitStack() as stack:
             stopped, views = stack.enter_context(stop_requests()), stack.enter_context(open_views())
@@ -190,7 +159,7 @@ def run_session(
             say("; ".join(filter(None, [*views.whereabouts(), watch.whereabouts() if watch else "", outputs.whereabouts()])))
             with compiling("live tracking", say):
                 estimator = warmed_up(rig, skeleton, config, stopped)
-            joints = JointTracker(skeleton, config.joints) if plan.wants(LivePose) else None
+            joints = JointTracker(skeleton, config.joints) if outputs.wants(LivePose) else None
             fusion = Fusion(rig, estimator, views.expect, clock, outputs, watch=watch, joints=joints)
             for centres in views.centres():
                 fusion.take(centres)
@@ -199,7 +168,7 @@ def run_session(
             begun = os.times()
             news = News(fusion, zero_ns, say, views.notices)
             with punctual():
-                over = _until(duration_s, zero_ns, fusion, news, stopped)
+                over = _until(plan.duration_s, zero_ns, fusion, news, stopped)
                 fusion.run(views, config.rate_hz, over if requests is None else _controlled(over, requests, views, outputs))
             restarts, memory_mb = views.restarts, peak_memory_mb([os.getpid(), *views.pids])
     finally:
@@ -251,13 +220,12 @@ def _controlled(
     return until
 
 
-def group_plans(
-    rig: Rig, inputs: Sequence[LiveInput], config: LiveConfig, plan: OutputPlan, videos: Path | None = None
-) -> list[GroupPlan]:
+def group_plans(plan: LivePlan, clock: SessionClock, videos: Path | None = None) -> list[GroupPlan]:
     """Neighbouring cameras share a group: whichever is lost, the others still look from different directions.
 
     On a graphics card one group looks at all waiting images in one call: its cameras share one copy of the network there.
     """
+    rig, inputs, config = plan.rig, plan.inputs, plan.config
     cores, devices, detector = usable_cores(), devices_of(config.detector), config.detector
     together = devices not in (["auto"], ["cpu"])
     count = config.groups or (len(devices) if together else max(1, min(cores, len(inputs) // 2)))
@@ -266,7 +234,7 @@ def group_plans(
         streams = max(1, cores // count)
         detector = replace(detector, options={"streams": streams, **detector.options})
     # a program that reads the session asks for images when it wants them
-    shown = any(LivePreview in output.takes for output in plan.configs.values())
+    shown = any(LivePreview in output.takes for output in plan.outputs.values())
     by_name = {entry.camera: keeping_packets(entry) if videos else entry for entry in inputs}
     return [
         GroupPlan(
@@ -274,7 +242,7 @@ def group_plans(
             inputs=tuple(by_name[name] for name in cameras),
             detector=on_device(detector, devices[i % len(devices)]) if together else detector,
             together=together,
-            clock=plan.clock,
+            clock=clock,
             most_people=config.track.max_people,
             search_every_s=config.search_every_s,
             preview_hz=_PREVIEW_HZ if shown else 0.0,
@@ -320,25 +288,7 @@ def stop_requests() -> Iterator[list[str]]:
             raise
 
 
-def notes_of(rig: Rig, config: LiveConfig) -> dict[str, str]:
-    """As texts for a file."""
-    return {
-        "posefuse": __version__,
-        "cameras": json.dumps(rig.names),
-        "rig_id": rig.id,
-        "rig": json.dumps(rig_values(rig)),
-        "settings": json.dumps(asdict(config), default=str),
-    }
-
-
 _SEND_S, _LOOK_S, _END_SEND_S = 1.0, 0.2, 30.0
-
-
-@dataclass(frozen=True)
-class NewsLine:
-    """One line of news."""
-
-    line: str
 
 
 @dataclass(frozen=True)
@@ -346,26 +296,6 @@ class Ended:
     """The session is over; `error` is the reason for a failure, None after a normal end."""
 
     error: PosefuseError | None
-
-
-class _Reader:
-    """The program's end of a session: what it is given, never waiting for it."""
-
-    def __init__(self, channel: Channel, images: bool) -> None:
-        self.takes = (LiveStart, LivePose, LiveHealth, *((LiveDetections, LivePreview) if images else ()))
-        self._channel = channel
-        # detections of frames without an image stay here
-        self._views: dict[str, LiveDetections] = {}
-
-    def take(self, message: LiveMessage) -> None:
-        """Send it on; a program that is gone is noticed by the thread of its requests."""
-        if isinstance(message, LiveDetections):
-            self._views[message.detections.camera] = message
-            return
-        with suppress(ChannelClosed):
-            if isinstance(message, LivePreview) and (view := self._views.get(message.camera)) is not None:
-                self._channel.send(view)
-            self._channel.send(message)
 
 
 def serve(channel: Channel, plan: LivePlan, images: bool) -> None:
@@ -382,10 +312,10 @@ def serve(channel: Channel, plan: LivePlan, images: bool) -> None:
 
         def say(line: str) -> None:
             with suppress(ChannelClosed):
-                channel.send(NewsLine(line), _SEND_S)
+                channel.send(line, _SEND_S)
 
         rig = rig_of_inputs(plan.rig, plan.inputs, plan.config.camera_info, say)
-        run_live(replace(plan, rig=rig), say, reader=_Reader(channel, images), requests=requests)
+        run_live(replace(plan, rig=rig), say, reader=SessionReader(channel, images), requests=requests)
     except PosefuseError as problem:
         error = problem
     except KeyboardInterrupt:

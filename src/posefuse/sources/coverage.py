@@ -104,15 +104,9 @@ class CountedSource(_SourceOf):
         return Coverage(self.camera, expected, len(read), read[-1] if read else None, period_ns)
 
 
-def incomplete_cameras(coverages: Sequence[Coverage], stated_end_ns: int | None = None) -> list[str]:
-    """One line for each camera of which part cannot be read, or that ends before the others.
-
-    Args:
-        coverages: one per camera.
-        stated_end_ns: until when all should continue, where that is known better than by the one that lasts longest.
-    """
-    ends = [one.end_ns for one in coverages if one.end_ns is not None]
-    last_ns = max([*ends, *([] if stated_end_ns is None else [stated_end_ns])], default=0)
+def incomplete_cameras(coverages: Sequence[Coverage]) -> list[str]:
+    """One line for each camera of which part cannot be read, or that ends before the others; `coverages`: one per camera."""
+    last_ns = max((one.end_ns for one in coverages if one.end_ns is not None), default=0)
     return [line for one in coverages if (line := _line(one, last_ns))]
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import queue
 import threading
 from collections.abc import Callable, Iterable, Iterator, Mapping
+from contextlib import suppress
 from dataclasses import dataclass
 from typing import Any
 
@@ -117,11 +118,9 @@ class FramesAhead:
         self._source.close()
 
     def _drain(self) -> None:
-        try:
+        with suppress(queue.Empty):
             while True:
                 self._queue.get_nowait()
-        except queue.Empty:
-            pass
 
     def _fill(self) -> None:
         lower_thread_priority(_NICENESS)

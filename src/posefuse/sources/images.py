@@ -40,12 +40,11 @@ class ImagesConfig:
 
 
 class ImagesSource:
-    """Frames of an image folder; an image that cannot be read is left out and counted in `broken_frames`."""
+    """Frames of an image folder; an image that cannot be read is left out."""
 
     def __init__(self, config: ImagesConfig) -> None:
         self._config = config
         self.camera = config.camera
-        self.broken_frames = 0
         if config.rate_hz is not None and config.rate_hz <= 0:
             raise SourceError(f"{self._where}: rate_hz: expected > 0, got {config.rate_hz}")
         if not Path(config.path).is_dir():
@@ -84,12 +83,10 @@ class ImagesSource:
         return None if image is None else Frame(camera=self.camera, seq=i, t_ns=t_ns, received_ns=t_ns, image=image)
 
     def _read(self, first: int) -> Iterator[Frame]:
-        self.broken_frames = 0
         size_wh: tuple[int, int] | None = None
         for i in range(first, len(self._times_s)):
             frame = self.at(i)
             if frame is None:
-                self.broken_frames += 1
                 continue
             size_wh = size_wh or frame.size_wh
             if frame.size_wh != size_wh:

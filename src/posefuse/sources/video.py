@@ -93,7 +93,6 @@ class VideoSource:
     def __init__(self, config: VideoConfig) -> None:
         self._config = config
         self.camera = config.camera
-        self.broken_frames = 0
         self._start_ticks: int | None = None
         first = next(self._decode(), None)
         if first is None:
@@ -108,7 +107,7 @@ class VideoSource:
         return self._listed.times_ns(self._config)
 
     def frames(self) -> Iterator[Frame]:
-        """Frames in time order from the start; a frame that cannot be decoded is left out and counted in `broken_frames`."""
+        """Frames in time order from the start; a frame that cannot be decoded is left out."""
         return self._frames(None)
 
     def frames_from(self, begin_ns: int) -> Iterator[Frame]:
@@ -117,16 +116,13 @@ class VideoSource:
 
     def _frames(self, entry: int | None) -> Iterator[Frame]:
         """From this key frame on; None: from the start."""
-        self.broken_frames = 0
         last_ns: int | None = None
         for frame in self._decode(entry):
             if (size_wh := frame.size_wh) != self.size_wh:
                 raise SourceError(f"{self._config.where}: frame {frame.seq} is {size_wh}, the first was {self.size_wh} px")
-            if last_ns is not None and frame.t_ns <= last_ns:
-                self.broken_frames += 1
-                continue
-            last_ns = frame.t_ns
-            yield frame
+            if last_ns is None or frame.t_ns > last_ns:
+                last_ns = frame.t_ns
+                yield frame
 
     def close(self) -> None:
         """Nothing stays open between calls of `frames`."""
@@ -164,7 +160,6 @@ class VideoSource:
                 container.seek(entry, stream=stream)
             for decoded, encoded in self._decoded_frames(container, stream):
                 if decoded.pts is None:
-                    self.broken_frames += 1
                     continue
                 if self._start_ticks is None:
                     self._start_ticks = decoded.pts
@@ -190,7 +185,6 @@ class VideoSource:
             except StopIteration:
                 return
             except av.error.FFmpegError as error:
-                self.broken_frames += 1
                 in_a_row += 1
                 if in_a_row > _MOST_BROKEN_IN_A_ROW:
                     raise SourceError(f"{self._config.where}: {in_a_row} broken packets in a row ({error.strerror})") from None
@@ -198,9 +192,7 @@ class VideoSource:
             if decoded:
                 in_a_row = 0
             for frame in decoded:
-                if frame.is_corrupt:
-                    self.broken_frames += 1
-                else:
+                if not frame.is_corrupt:
                     yield frame, pending.of(frame) if pending is not None else None
 
 

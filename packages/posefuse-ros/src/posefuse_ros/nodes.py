@@ -23,9 +23,8 @@ from posefuse.realtime.inputs import check_any, rig_of_inputs
 from posefuse.realtime.messages import Expected, SeenView, SessionClock, Status
 from posefuse.realtime.networks import fetch_networks, settled_network
 from posefuse.realtime.news import never_waiting
-from posefuse.realtime.outputs import OutputPlan
 from posefuse.realtime.processes import Groups
-from posefuse.realtime.session import group_plans, notes_of, run_session, stop_requests
+from posefuse.realtime.session import group_plans, run_session, stop_requests
 
 from . import topics
 from .camera_info import publish_intrinsics, rig_of_nodes
@@ -152,11 +151,11 @@ def camera_node(
         detector = settled_network(whole.config.detector, len(whole.inputs), say, tuple(reversed(BLAZEPOSE)))
         chosen = replace(whole.config, detector=detector)
         clock = SessionClock.begin()
-        plan = OutputPlan(rig=cameras, clock=clock, configs={"ros2": Ros2Config()})
+        plan = replace(whole, rig=cameras, config=chosen, outputs={"ros2": Ros2Config()})
         names = [entry.camera for entry in whole.inputs]
         with (
             RosNode(f"posefuse_cameras_{ros_name(name)}", network_of(ros)) as node,
-            Groups(group_plans(cameras, whole.inputs, chosen, plan)) as groups,
+            Groups(group_plans(plan, clock)) as groups,
         ):
             publish_intrinsics(node, cameras, names, time.time_ns())
             skeleton = groups.wait_ready()
@@ -205,14 +204,10 @@ def fusion_node(
         if chosen.camera_info == "use":
             cameras = rig_of_nodes(cameras, network, note, given.duration_s)
         clock = SessionClock.begin()
-        plan = OutputPlan(
-            rig=cameras, clock=clock, rate_hz=chosen.rate_hz, configs=given.outputs, notes=notes_of(cameras, chosen),
-            names=chosen.names,
-        )  # fmt: skip
         note(f"waiting for views of {', '.join(cameras.names)} in domain {network.domain_id}")
         with never_waiting(note) as say:
             views = NetworkViews(cameras, network, clock, chosen, duration_s=given.duration_s, say=say)
-            done = run_session(plan, chosen, lambda: views, say, duration_s=given.duration_s, remote=True)
+            done = run_session(replace(given, rig=cameras), clock, lambda: views, say, remote=True)
     counts, senders = views.views.intake.counts, views.views.senders
     offset_s = done.fusion.watch.known.offset_s if done.fusion.watch is not None else {}
     offsets_ms = {camera: 1000 * offset_s.get(camera, float("nan")) for camera in cameras.names}

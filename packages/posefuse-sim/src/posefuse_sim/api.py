@@ -43,8 +43,8 @@ def simulate(
         >>> session = pf.simulate("examples/scenes/walk_4cam.yaml", "SESSION", progress=True)  # doctest: +SKIP
         >>> pf.track(session)  # doctest: +SKIP
     """
+    from posefuse.foundation.output_file import check_outside_inputs
     from posefuse.foundation.output_folder import find_unfinished
-    from posefuse.foundation.places import check_outside_inputs
     from posefuse_sim import read_scene
     from posefuse_sim import simulate as render
 
@@ -82,7 +82,7 @@ def gazebo_world(scene: str | Path, out: str | Path, *, release: str = "harmonic
         >>> world = pf.gazebo_world("examples/scenes/walk_4cam.yaml", "gz")  # doctest: +SKIP
         >>> world.folder, world.loop_s  # doctest: +SKIP
     """
-    from posefuse.foundation.places import check_outside_inputs
+    from posefuse.foundation.output_file import check_outside_inputs
     from posefuse_sim import read_scene
     from posefuse_sim.gazebo import export_world
 

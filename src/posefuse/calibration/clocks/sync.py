@@ -7,7 +7,7 @@ each camera about each point is allowed for. The recording is cut into blocks; t
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -76,11 +76,6 @@ class ClockFit:
     spread_px: Array
     block_s: Array
     blocks: tuple[ClockSums, ...]
-
-    def parts(self, count: int) -> tuple[tuple[Array, Array], tuple[Array, Array]]:
-        """Offsets (C,) about the result with standard errors, from the first `count` blocks alone, and from the others."""
-        first, second = (_left(part) for part in (self.blocks[:count], self.blocks[count:]))
-        return first, second
 
 
 def estimate_clocks(rig: Rig, tracks: Sequence[PersonTrack], start: ClockEstimate, with_drift: bool = False) -> ClockFit:
@@ -187,6 +182,7 @@ def _against_first(value: Array, covariance: Array, cameras: int, middle_s: floa
 
 
 def _left(blocks: Sequence[ClockSums]) -> tuple[Array, Array]:
+    """Offsets (C,) about the result with standard errors, from some of the blocks alone."""
     cameras = len(blocks[0].pull)
     prior = _only_differences(cameras, False)
     information = sum((one.information for one in blocks), prior)
@@ -289,14 +285,13 @@ def _require(done: Sequence[Check]) -> None:
 
 def check_person_in_tracks(names: Sequence[str], moving: Sequence[PersonTrack]) -> Check:
     """Every camera saw a person."""
-    seen = [int(np.asarray(np.isfinite(track.xy_img).all(axis=-1)).any(axis=1).sum()) for track in moving]
-    blind = [f"{name} ({n} of {len(track.t_ns)} frames)" for name, n, track in zip(names, seen, moving, strict=True)
-             if n < _LEAST_FRAMES]  # fmt: skip
-    return person_seen(blind)
+    seen = [np.asarray(np.asarray(np.isfinite(track.xy_img).all(axis=-1)).any(axis=1)) for track in moving]
+    return person_seen(names, seen, _LEAST_FRAMES)
 
 
-def person_seen(blind: Sequence[str]) -> Check:
-    """No camera is in `blind`, in words."""
+def person_seen(names: Sequence[str], seen: Iterable[Array], least: int) -> Check:
+    """Every camera saw a person in so many of its frames: `seen` (F,) bool of each."""
+    blind = [f"{name} ({one.sum()} of {len(one)} frames)" for name, one in zip(names, seen, strict=True) if one.sum() < least]
     detail = f"no person found by {', '.join(blind)}" if blind else "every camera saw the person"
     return Check("person seen", not blind, detail, "walk where this camera looks, or leave it out")
 
@@ -358,7 +353,7 @@ def _check_steady(names: Sequence[str], fit: ClockFit, with_drift: bool) -> Chec
     """Of all ways to cut the recording in two, the parts agree on every camera's offset."""
     worst = (0.0, 0, 0.0, 0.0)
     for count in range(1, len(fit.blocks)):
-        (first, first_sigma), (second, second_sigma) = fit.parts(count)
+        (first, first_sigma), (second, second_sigma) = _left(fit.blocks[:count]), _left(fit.blocks[count:])
         apart, sigma = second - first, np.hypot(first_sigma, second_sigma)
         ratio = np.abs(apart) / np.maximum(MOST_JUMP_S, LATE_SIGMA * sigma)
         c = int(np.argmax(ratio))

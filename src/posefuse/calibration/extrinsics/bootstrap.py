@@ -13,14 +13,13 @@ import cv2
 import numpy as np
 
 from posefuse.calibration.clocks.start import STEP_S, EvenTrack, agreed_clocks
-from posefuse.calibration.projection import Lenses
-from posefuse.calibration.rotations import Poses, nearest_rotation, stacked
+from posefuse.calibration.geometry import Lenses, Poses, nearest_rotation, stacked
 from posefuse.calibration.targets.corners import CornerObservations
 from posefuse.calibration.targets.kinds import Target, in_a_plane, patch_corners, scale_m, sides
 from posefuse.core import Camera
 from posefuse.core.arrays import Array
 
-from .snapshots import Snapshots, snapshots
+from .snapshots import Snapshots, evenly, snapshots
 
 _MOST_VOTING_SEEDS = 48
 _CUT = 3.0
@@ -44,18 +43,11 @@ def vote(candidates: Poses, angle_rad: float, distance_m: Array) -> Edge:
         angle_rad: scale of what counts as agreeing.
         distance_m: (n,) likewise, for each estimate.
     """
-    seeds = seeds_of(candidates, _MOST_VOTING_SEEDS)
+    seeds = candidates[evenly(np.arange(len(candidates)), _MOST_VOTING_SEEDS)].listed
     cosine = (np.einsum("sij,nhij->snh", seeds.R, candidates.R) - 1) / 2
     angle = np.arccos(np.clip(cosine, -1, 1)) / angle_rad
     distance = np.linalg.norm(seeds.t[:, None, None] - candidates.t, axis=-1) / distance_m[:, None]
     return best_seed(seeds, np.nan_to_num(angle**2 + distance**2, nan=np.inf).min(axis=2))
-
-
-def seeds_of(candidates: Poses, most: int) -> Poses:
-    """The alternatives of at most so many of the (n, h) candidates, spread over all of them, as one stack."""
-    n = len(candidates)
-    picked = np.unique(np.linspace(0, n - 1, min(n, most)).astype(np.int64))
-    return candidates[picked].listed
 
 
 def best_seed(seeds: Poses, square: Array) -> Edge:
@@ -190,11 +182,6 @@ def shape_of(target: Target, seen: Snapshots, views: PlanarViews) -> PropShape:
     if known:
         return known_shape(seen, {number: Poses.from_se3(pose) for number, pose in known.items()})
     return prop_shape(views, len(seen.patches), scale_m(target))
-
-
-def one_patch() -> PropShape:
-    """A prop of a single patch, number 0."""
-    return PropShape({0: Poses(np.eye(3), np.zeros(3))}, (0,))
 
 
 def known_shape(seen: Snapshots, prop_from_patch: Mapping[int, Poses]) -> PropShape:
@@ -339,7 +326,8 @@ def camera_edges(views: PropViews, camera_count: int) -> dict[tuple[int, int], E
 
 def _camera_vote(a_from_prop: Poses, b_from_prop: Poses) -> Edge:
     """a_from_b of most agreement; two cameras agree where b's prop lands on a's, which is what is well known."""
-    seeds = seeds_of(a_from_prop[:, :, None] @ b_from_prop[:, None].inverse(), _MOST_SEEDS)
+    some = evenly(np.arange(len(a_from_prop)), _MOST_SEEDS)
+    seeds = (a_from_prop[some][:, :, None] @ b_from_prop[some][:, None].inverse()).listed
     moved = seeds[:, None, None] @ b_from_prop[None]
     depth = np.maximum(a_from_prop.t[:, :1, 2], 1e-6)
     off = np.linalg.norm(moved.t[:, :, None] - a_from_prop.t[None, :, :, None], axis=-1) / (_CAMERA_DISTANCE * depth[..., None])

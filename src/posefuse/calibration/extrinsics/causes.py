@@ -13,18 +13,19 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.optimize import linear_sum_assignment
 
-from posefuse.calibration.projection import Lenses
+from posefuse.calibration.geometry import Lenses, Poses, angle_between
 from posefuse.calibration.report import Check
-from posefuse.calibration.rotations import Poses, angle_between
 from posefuse.calibration.targets.corners import CornerObservations
 from posefuse.calibration.targets.coverage import linked_groups
 from posefuse.calibration.targets.kinds import Charuco
 from posefuse.core import CalibrationError, Camera
 from posefuse.core.arrays import Array
+from posefuse.core.view_sequences import nearest_frames
 
 from .bootstrap import PropShape, planar_views, prop_track, prop_views, rough_offsets
 from .freedoms import Freed, board_freed, check_clocks, clocks_freed, lens_change, lenses_freed, most_turned, turn_freed
 from .pipeline import TIME_STEPS, RigTask, Solved, solve
+from .prop_solve import residuals_px
 from .snapshots import middle_ns, snapshots
 
 # residuals beyond so many standard deviations count ever less
@@ -193,8 +194,7 @@ def _see_together(observations: CornerObservations, delay_s: Array) -> bool:
     for a, first in enumerate(seen):
         for b, second in enumerate(seen):
             if a != b and len(first) and len(second):
-                after = np.searchsorted(second, first).clip(1, max(len(second) - 1, 1))
-                apart = np.minimum(np.abs(first - second[after - 1]), np.abs(first - second[after % len(second)]))
+                apart = np.abs(first - second[nearest_frames(second, first)])
                 linked[a, b] = (apart < _AT_ONCE_S).sum() >= _SHARED_TIME * min(len(first), len(second))
     return len(linked_groups(linked | linked.T)) == 1
 
@@ -230,12 +230,7 @@ def _solved_by_others(solved: Solved, c: int) -> Solved:
     reference = solved.links.reference if solved.links.reference != c else int(c == 0)
     moving = tuple(i for i in range(len(solved.cameras)) if i not in (c, reference))
     found = replace(solved, seen=seen.rows(~rows)).again(reference=reference, moving=moving).solution
-    state, camera, patch = found.state, seen.camera[rows], seen.patch[rows]
-    xyz_prop = state.prop_from_patch[patch].move(solved.corners[patch, seen.corner[rows]])
-    xyz_cam = state.cam_from_world[camera].move(state.world_from_prop[seen.time_step[rows]].move(xyz_prop))
-    residual_px = np.empty_like(solved.solution.residual_px)
-    residual_px[~rows] = found.residual_px
-    residual_px[rows] = Lenses(solved.cameras, state.lens_delta).px(camera, xyz_cam) - seen.xy_img[rows]
+    residual_px = residuals_px(seen, solved.corners, solved.cameras, found.state)
     return replace(solved, solution=replace(found, residual_px=residual_px))
 
 

@@ -11,11 +11,10 @@ from functools import lru_cache
 
 import numpy as np
 
-from posefuse.calibration.report import Check
+from posefuse.calibration.report import LIMITS, Check
 from posefuse.core import Camera
 from posefuse.core.arrays import Array
 
-from .limits import LIMITS
 from .pipeline import Solved
 from .prop_solve import PropSolution
 

@@ -8,7 +8,7 @@ from dataclasses import replace
 import cv2
 import numpy as np
 
-from posefuse.calibration.report import Check
+from posefuse.calibration.report import LIMITS, Check
 from posefuse.calibration.targets.corners import CornerObservations
 from posefuse.calibration.targets.coverage import ENOUGH_SHARE, coverage
 from posefuse.calibration.targets.kinds import Target, in_a_plane
@@ -16,7 +16,6 @@ from posefuse.core import SE3, CalibrationError, Camera
 from posefuse.core.arrays import Array
 
 from .freedoms import rim_radius
-from .limits import LIMITS
 from .pipeline import TIME_STEPS, Options, RigTask, Solved, solve, starting_clocks
 
 # views of one patch that start a camera, and the least that can

@@ -8,8 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from posefuse.calibration.projection import Lenses
-from posefuse.calibration.rotations import Poses, stacked
+from posefuse.calibration.geometry import Lenses, Poses, stacked
 from posefuse.calibration.targets.corners import CornerObservations
 from posefuse.calibration.targets.kinds import Target, patch_corners
 from posefuse.core import CalibrationError, Camera, ConfigError
@@ -63,8 +62,6 @@ class Options:
     def __post_init__(self) -> None:
         if self.clocks not in CLOCK_MODES:
             raise ConfigError(f"clocks: expected one of {', '.join(CLOCK_MODES)}, got {self.clocks!r}")
-        if self.time_steps < LEAST_TIME_STEPS:
-            raise ConfigError(f"time steps: expected at least {LEAST_TIME_STEPS}, got {self.time_steps}")
 
 
 @dataclass(frozen=True, eq=False)

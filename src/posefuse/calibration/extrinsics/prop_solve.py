@@ -11,8 +11,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from posefuse.calibration.bundle import Linearised, Problem, ResidualBlock, Solution, clustered_covariance, solve_bundle
-from posefuse.calibration.projection import LENS_PARAMETERS, Lenses
-from posefuse.calibration.rotations import Poses, hat
+from posefuse.calibration.geometry import LENS_PARAMETERS, Lenses, Poses, hat
 from posefuse.core import Camera
 from posefuse.core.arrays import Array
 
@@ -107,10 +106,17 @@ def solve_prop(seen: Snapshots, corners: Array, cameras: tuple[Camera, ...], sta
     `corners` (M, n, 3): corners of each patch in its own frame. `start.delay_s` is the delay the snapshots were taken
     with; the clock columns move them along their image velocity from there.
     """
-    first = solve_bundle(_problem(seen, corners, cameras, start, freedom, _ROUGH_SIGMA_PX, cauchy=1.0), start)
+    given = (seen, corners, cameras, start, freedom)
+    first = solve_bundle(_PropProblem(*given, sigma_px=_ROUGH_SIGMA_PX, cauchy=1.0), start)
     sigma_px = first.spread_px(_ROUGH_SIGMA_PX, _LEAST_SIGMA_PX)
-    second = solve_bundle(_problem(seen, corners, cameras, start, freedom, sigma_px, cauchy=_CAUCHY), first.state)
+    second = solve_bundle(_PropProblem(*given, sigma_px=sigma_px, cauchy=_CAUCHY), first.state)
     return _summary(second, sigma_px, freedom, seen)
+
+
+def residuals_px(seen: Snapshots, corners: Array, cameras: tuple[Camera, ...], state: PropState) -> Array:
+    """(N, 2) predicted minus observed px of corners that were read at the clocks of the state; arguments as of `solve_prop`."""
+    held = Freedom(reference=None, held_patches=None)
+    return _PropProblem(seen, corners, cameras, state, held, sigma_px=1.0, cauchy=1.0).residual(state)
 
 
 def _summary(solution: Solution[PropState], assumed_px: float, freedom: Freedom, seen: Snapshots) -> PropSolution:
@@ -170,43 +176,26 @@ def _free(state: PropState, freedom: Freedom) -> tuple[Array, ...]:
     return cameras, patches, clocks, lens, turns
 
 
-def _problem(
-    seen: Snapshots,
-    corners: Array,
-    cameras: tuple[Camera, ...],
-    start: PropState,
-    freedom: Freedom,
-    sigma_px: float,
-    cauchy: float,
-) -> Problem[PropState]:
-    model = _Model(seen, corners, cameras, start.delay_s, freedom, sigma_px)
-    return Problem(
-        residual=model.residual,
-        linearise=model.linearise,
-        step=model.step,
-        free=_free(start, freedom),
-        local_count=len(start.world_from_prop),
-        group=seen.group,
-        group_count=seen.group_count,
-        cauchy=cauchy,
-        prior_cost=model.prior_cost,
-    )
-
-
-class _Model:
+class _PropProblem(Problem[PropState]):
     """Residuals and Jacobians of the corners."""
 
     def __init__(
-        self, seen: Snapshots, corners: Array, cameras: tuple[Camera, ...], delay_s: Array, freedom: Freedom, sigma_px: float
-    ) -> None:
+        self, seen: Snapshots, corners: Array, cameras: tuple[Camera, ...], start: PropState, freedom: Freedom, *,
+        sigma_px: float, cauchy: float,
+    ) -> None:  # fmt: skip
         self._seen, self._cameras, self._freedom, self._sigma_px = seen, cameras, freedom, sigma_px
+        self.free, self.local_count, self.cauchy = _free(start, freedom), len(start.world_from_prop), cauchy
+        self.group, self.group_count = seen.group, seen.group_count
         self._xyz_patch = corners[seen.patch, seen.corner]
-        self._delay_s = delay_s
+        self._delay_s = start.delay_s
         lens_sigma = np.zeros(len(LENS_PARAMETERS)) if freedom.lens_sigma is None else freedom.lens_sigma
         self._lens_prior = np.divide(1.0, lens_sigma**2, out=np.zeros(len(LENS_PARAMETERS)), where=lens_sigma > 0)
 
     def residual(self, state: PropState) -> Array:
-        return self._residual(state, *self._placed(state)[2:])
+        seen, (_, _, cam, lenses) = self._seen, self._placed(state)
+        late = (state.delay_s - self._delay_s)[seen.camera]
+        late_s = late[:, 0] + late[:, 1] * seen.t_s[seen.time_step]
+        return np.asarray((lenses.px(seen.camera, cam) - seen.xy_img - seen.velocity_px_s * late_s[:, None]) / self._sigma_px)
 
     def prior_cost(self, state: PropState) -> float:
         return float((self._lens_prior * state.lens_delta**2).sum())
@@ -233,16 +222,10 @@ class _Model:
             cam = cam + np.cross(state.turn_rad_s[seen.camera] * seen.t_s[seen.time_step][:, None], cam)
         return prop, world, cam, Lenses(self._cameras, state.lens_delta)
 
-    def _residual(self, state: PropState, cam: Array, lenses: Lenses) -> Array:
-        seen = self._seen
-        late = (state.delay_s - self._delay_s)[seen.camera]
-        late_s = late[:, 0] + late[:, 1] * seen.t_s[seen.time_step]
-        return np.asarray((lenses.px(seen.camera, cam) - seen.xy_img - seen.velocity_px_s * late_s[:, None]) / self._sigma_px)
-
     def linearise(self, state: PropState) -> Linearised:
         seen = self._seen
         prop, world, cam, lenses = self._placed(state)
-        residual, d_cam = self._residual(state, cam, lenses), lenses.px_jacobian(seen.camera, cam) / self._sigma_px
+        d_cam = lenses.px_jacobian(seen.camera, cam) / self._sigma_px
         R_cam = state.cam_from_world.R[seen.camera]
         R_prop = state.world_from_prop.R[seen.time_step]
         d_world = d_cam @ R_cam
@@ -257,7 +240,7 @@ class _Model:
             self._lens_block(state, lenses, cam),
             ResidualBlock(self._turn_jacobian(d_cam, cam), seen.camera, len(state.cam_from_world)),
         )
-        return Linearised(residual, blocks, _pose_jacobian(d_world, turned_world), seen.time_step)
+        return Linearised(blocks, _pose_jacobian(d_world, turned_world), seen.time_step)
 
     def _clock_jacobian(self) -> Array:
         per_offset = -self._seen.velocity_px_s / self._sigma_px

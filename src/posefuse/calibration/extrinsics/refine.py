@@ -9,8 +9,7 @@ import numpy as np
 
 from posefuse.calibration.bundle import Linearised, Problem, ResidualBlock, solve_bundle
 from posefuse.calibration.clocks.person_tracks import MIN_SCORE, limb_keypoints
-from posefuse.calibration.projection import Lenses
-from posefuse.calibration.rotations import Poses, angle_between, hat, poses_of
+from posefuse.calibration.geometry import Lenses, Poses, angle_between, hat, poses_of
 from posefuse.calibration.settings import RefineSettings
 from posefuse.core import InputError, Rig, ViewSequence
 from posefuse.core.arrays import SIGMA_PER_MAD, Array
@@ -90,7 +89,7 @@ def refined_extrinsics(rig: Rig, views: ViewSequence, chosen: RefineSettings | N
     whole = np.full((*seen.shape, 3), np.nan)
     whole[seen] = xyz
     same = chosen.together * _repeated(whole, [views.skeleton.keypoints[k] for k in limbs], chosen)
-    problem = _problem(rig, replace(rows, sigma_px=rows.sigma_px * noise), prior, chosen, same)
+    problem = _RefineProblem(rig, replace(rows, sigma_px=rows.sigma_px * noise), prior, chosen, same)
     solution = solve_bundle(problem, start)
     found = solution.state.cam_from_world
     poses = found.se3()
@@ -161,47 +160,50 @@ def _spread(residual: Array) -> float:
     return float(SIGMA_PER_MAD * np.nanmedian(np.abs(residual)))
 
 
-def _problem(rig: Rig, rows: _Rows, prior: Poses, chosen: RefineSettings, same: float) -> Problem[_State]:
+class _RefineProblem(Problem[_State]):
     """Unknowns of a camera: its turn about its own axes and the shift of its centre along them.
 
     `same` rows count as one: as the loss judges outliers by their noise, the prior is made stronger instead of the noise wider.
     """
-    lenses, count = Lenses(rig.cameras), len(rig)
-    scale = rows.sigma_px[:, None]
-    sigma = np.repeat([chosen.turn_sigma_rad, chosen.move_sigma_m], 3)
-    inverse_var = np.tile(same / sigma**2, (count, 1))
-    centre_world = prior.inverse().t
 
-    def in_cameras(state: _State) -> Array:
-        return state.cam_from_world[rows.camera].move(state.xyz[rows.point])
+    cauchy = _CAUCHY
 
-    def residual(state: _State) -> Array:
-        return np.asarray((lenses.px(rows.camera, in_cameras(state)) - rows.xy_img) / scale)
+    def __init__(self, rig: Rig, rows: _Rows, calibrated: Poses, chosen: RefineSettings, same: float) -> None:
+        self._lenses, self._rows, self._calibrated, self._count = Lenses(rig.cameras), rows, calibrated, len(rig)
+        self.free, self.local_count = (np.ones((self._count, 6), bool),), int(rows.point.max()) + 1
+        self.group, self.group_count = np.arange(len(rows.camera)), len(rows.camera)
+        self._scale = rows.sigma_px[:, None]
+        sigma = np.repeat([chosen.turn_sigma_rad, chosen.move_sigma_m], 3)
+        self._inverse_var = np.tile(same / sigma**2, (self._count, 1))
 
-    def offset(state: _State) -> Array:
+    def _in_cameras(self, state: _State) -> Array:
+        return state.cam_from_world[self._rows.camera].move(state.xyz[self._rows.point])
+
+    def residual(self, state: _State) -> Array:
+        seen_px = self._lenses.px(self._rows.camera, self._in_cameras(state))
+        return np.asarray((seen_px - self._rows.xy_img) / self._scale)
+
+    def _offset(self, state: _State) -> Array:
         """(C, 6) from the calibrated pose: rotation vector and shift of the centre, in the camera's axes."""
-        now = state.cam_from_world
-        turn = now.R @ np.swapaxes(prior.R, -1, -2)
+        now, before = state.cam_from_world, self._calibrated
+        turn = now.R @ np.swapaxes(before.R, -1, -2)
         # small turns: the antisymmetric part is the rotation vector
         vector = np.stack([turn[:, 2, 1] - turn[:, 1, 2], turn[:, 0, 2] - turn[:, 2, 0], turn[:, 1, 0] - turn[:, 0, 1]], -1) / 2
-        shift = np.einsum("cij,cj->ci", now.R, now.inverse().t - centre_world)
+        shift = np.einsum("cij,cj->ci", now.R, now.inverse().t - before.inverse().t)
         return np.concatenate([vector, shift], axis=-1)
 
-    def linearise(state: _State) -> Linearised:
-        cam = in_cameras(state)
-        d_cam = lenses.px_jacobian(rows.camera, cam) / scale[..., None]
+    def linearise(self, state: _State) -> Linearised:
+        camera, cam = self._rows.camera, self._in_cameras(state)
+        d_cam = self._lenses.px_jacobian(camera, cam) / self._scale[..., None]
         pose = np.concatenate([-d_cam @ hat(cam), -d_cam], axis=2)
-        block = ResidualBlock(pose, rows.camera, count, inverse_var, offset(state))
-        return Linearised(residual(state), (block,), d_cam @ state.cam_from_world.R[rows.camera], rows.point)
+        block = ResidualBlock(pose, camera, self._count, self._inverse_var, self._offset(state))
+        return Linearised((block,), d_cam @ state.cam_from_world.R[camera], self._rows.point)
 
-    def step(state: _State, blocks: list[Array], local: Array) -> _State:
+    def step(self, state: _State, blocks: list[Array], local: Array) -> _State:
         before = state.cam_from_world
         centre = before.inverse().t + np.einsum("cji,cj->ci", before.R, blocks[0][:, 3:])
-        R = before.stepped(np.concatenate([blocks[0][:, :3], np.zeros((count, 3))], axis=1)).R
+        R = before.stepped(np.concatenate([blocks[0][:, :3], np.zeros((self._count, 3))], axis=1)).R
         return _State(Poses(R, -np.einsum("cij,cj->ci", R, centre)), state.xyz + local)
 
-    return Problem(
-        residual=residual, linearise=linearise, step=step, free=(np.ones((count, 6), bool),),
-        local_count=int(rows.point.max()) + 1, group=np.arange(len(rows.camera)), group_count=len(rows.camera), cauchy=_CAUCHY,
-        prior_cost=lambda state: float((inverse_var * offset(state) ** 2).sum()),
-    )  # fmt: skip
+    def prior_cost(self, state: _State) -> float:
+        return float((self._inverse_var * self._offset(state) ** 2).sum())

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from itertools import combinations
 
 import numpy as np
 
-from posefuse.calibration.report import CalibrationReport, Check
-from posefuse.calibration.rotations import Poses, angle_between, centre_covariance_m2, mean_rotation
+from posefuse.calibration.geometry import Poses, angle_between, centre_covariance_m2, nearest_rotation
+from posefuse.calibration.report import LIMITS, CalibrationReport, Check
 from posefuse.calibration.targets.corners import CornerObservations
 from posefuse.calibration.targets.coverage import linked_groups
 from posefuse.calibration.targets.detection import BLURRED_EDGE_PX
@@ -18,7 +18,6 @@ from posefuse.core import CalibrationError, Camera
 from posefuse.core.arrays import Array
 
 from .freedoms import board_freed, check_lenses, clocks_freed, lens_change, lenses_freed, turn_freed
-from .limits import LIMITS
 from .own_intrinsics import check_carried
 from .pipeline import LEAST_TIME_STEPS, TIME_STEPS, Links, RigTask, Solved, solve
 from .snapshots import middle_ns
@@ -190,7 +189,7 @@ def position_cov_m2(solved: Solved) -> Array:
 def camera_differences(first: Poses, second: Poses) -> tuple[Array, Array]:
     """Distance (C,) m and angle (C,) rad between two sets of cam_from_world, after the best common rigid motion."""
     a, b = first.inverse(), second.inverse()
-    turn = mean_rotation(a.R @ np.swapaxes(b.R, 1, 2), np.ones(len(a)))
+    turn = nearest_rotation((a.R @ np.swapaxes(b.R, 1, 2)).sum(axis=0))
     moved = (b.t - b.t.mean(axis=0)) @ turn.T
     return np.linalg.norm(a.t - a.t.mean(axis=0) - moved, axis=1), angle_between(a.R, turn @ b.R)
 
@@ -249,22 +248,13 @@ def check_upright(cameras: Sequence[Camera], up_cam: Array) -> Check:
 _HALVES = 2
 
 
-@dataclass(frozen=True, eq=False)
-class Halves:
-    """Two solves that share no data.
+def solve_halves(task: RigTask, solved: Solved) -> tuple[tuple[Solved, ...], Array, str]:
+    """The first and the second half from scratch, sharing no data; where a camera lacks one, every other fifth of them.
 
-    Attributes:
-        solved: of each half; empty where the data are not enough. story: why.
-        ratio: (C,) how many times as far corners usually are off in the common solve as in the half's own, of the worse half.
+    Returns:
+        The two solves; (C,) how many times as far corners usually are off in the common solve as in the half's own, of the worse
+        half; and an empty text. Where the data are not enough no solves, and why.
     """
-
-    solved: tuple[Solved, ...]
-    story: str
-    ratio: Array
-
-
-def solve_halves(task: RigTask, solved: Solved) -> Halves:
-    """The first and the second half from scratch; where a camera lacks one, every other fifth of them."""
     observations, story = task.observations, ""
     steps_ns = np.round(solved.seen.t_s * 1e9).astype(np.int64) + middle_ns(observations)
     for stretches in (_HALVES, 5 * _HALVES):
@@ -276,25 +266,25 @@ def solve_halves(task: RigTask, solved: Solved) -> Halves:
             continue
         together = np.stack([spread_px(solved, step_half == half) for half in range(_HALVES)])
         apart = np.stack([spread_px(one, np.ones(len(one.seen.t_s), bool)) for one in found])
-        return Halves(found, "", np.nan_to_num(together / np.maximum(apart, 1e-6), nan=1.0).max(axis=0))
-    return Halves((), story, np.ones(len(task.cameras)))
+        return found, np.nan_to_num(together / np.maximum(apart, 1e-6), nan=1.0).max(axis=0), ""
+    return (), np.ones(len(task.cameras)), story
 
 
-def check_one_place(halves: Halves) -> Check:
-    """One rig fits both halves as well as each fits its own, or the difference is none of the poses.
+def check_one_place(halves: tuple[Solved, ...], ratio: Array, story: str) -> Check:
+    """One rig fits both halves as well as each fits its own, or the difference is none of the poses; given `solve_halves`.
 
     Larger residuals alone refuse nothing: uneven time stamps, or a lens model that fits one region better, also cause them.
     A camera that was moved has poses that differ, too.
     """
-    if not halves.solved:
+    if not halves:
         return Check(
-            "one place per camera", False, f"half of the data is not enough to solve: {halves.story}",
+            "one place per camera", False, f"half of the data is not enough to solve: {story}",
             "wave the target longer, so that every camera sees it in both halves",
         )  # fmt: skip
-    cameras, ratio = halves.solved[0].cameras, halves.ratio
-    first, second = (one.solution for one in halves.solved)
+    cameras = halves[0].cameras
+    first, second = (one.solution for one in halves)
     apart_m, turned_rad = camera_differences(first.state.cam_from_world, second.state.cam_from_world)
-    sigma_m = np.hypot(*(position_sigma_m(one) for one in halves.solved))
+    sigma_m = np.hypot(*(position_sigma_m(one) for one in halves))
     sigma_rad = np.sqrt(sum(np.trace(one.camera_covariance[:, :3, :3], axis1=1, axis2=2) for one in (first, second)))
     sigma_m, sigma_rad = _shared(sigma_m), _shared(sigma_rad)
     sigmas = np.maximum(apart_m / np.maximum(sigma_m, 1e-12), turned_rad / np.maximum(sigma_rad, 1e-12))
@@ -388,10 +378,10 @@ def solution_checks(task: RigTask, solved: Solved, before: list[Check]) -> list[
         # a camera that is late spreads the corners, and the poses with them
         quick.append(clocks_freed(solved).check)
     CalibrationReport("extrinsics", (*before, *quick)).require()
-    halves = solve_halves(task, solved)
-    parts = [lens_change(half, lenses_freed(half, False)) for half in halves.solved]
+    halves, ratio, story = solve_halves(task, solved)
+    parts = [lens_change(half, lenses_freed(half, False)) for half in halves]
     lenses = lens_change(solved, lenses_freed(solved, not synchronised)).confirmed_by(parts)
-    done = [*quick, check_one_place(halves), turn_freed(solved, not synchronised).check, check_lenses(lenses)]
+    done = [*quick, check_one_place(halves, ratio, story), turn_freed(solved, not synchronised).check, check_lenses(lenses)]
     if isinstance(task.target, Charuco):
         done.append(board_freed(solved.thinned).check)
     if synchronised:

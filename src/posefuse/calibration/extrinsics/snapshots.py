@@ -13,6 +13,7 @@ import numpy as np
 
 from posefuse.calibration.targets.corners import CornerObservations
 from posefuse.core.arrays import Array
+from posefuse.core.view_sequences import nearest_frames
 
 _SAME_S = 1e-4
 # corners are interpolated over one lost frame, and never over more than this
@@ -155,8 +156,7 @@ def pick_time_steps(observations: CornerObservations, most: int, delay_s: Array,
     others = np.unique(observations.t_ns[observations.camera != reference])
     if len(candidates) > 1:
         # times at which the busiest camera saw nothing
-        after = np.clip(np.searchsorted(candidates, others), 1, len(candidates) - 1)
-        distance = np.minimum(np.abs(others - candidates[after - 1]), np.abs(others - candidates[after]))
+        distance = np.abs(others - candidates[nearest_frames(candidates, others)])
         candidates = np.unique(np.concatenate([candidates, others[distance > np.median(np.diff(candidates))]]))
     thin = max(1, len(candidates) // (6 * most))
     return _greedy(observations, candidates[::thin], most, delay_s, prefer_slow)

@@ -77,25 +77,17 @@ def calibrate_extrinsics(
     intrinsics = Rig(tuple(replace(camera, cam_from_world=SE3.identity()) for camera in cameras))
     _check_input(observations, intrinsics, target)
     task = RigTask(aligned(observations, intrinsics), intrinsics.cameras, target, options)
-    wanted = _World(world or UP_FROM_CAMERAS, upside_down)
-    first = _attempt(task, wanted, "together" if options.clocks == "auto" else options.clocks)
+    rule = world or UP_FROM_CAMERAS
+    first = _attempt(task, rule, upside_down, "together" if options.clocks == "auto" else options.clocks)
     if options.clocks != "auto" or not first.failed or not _may_be_clocks(first):
-        return _explained(first, wanted)
-    second = _attempt(task, wanted, "offset")
+        return _explained(first, rule)
+    second = _attempt(task, rule, upside_down, "offset")
     if second.solved is None:
-        return _explained(first, wanted)
+        return _explained(first, rule)
     note = "the cameras are not synchronised: their clock offsets were estimated and must be applied when they are used"
     if second.failed:
         note = f"taken as synchronised it is refused as well: {'; '.join(check.line for check in first.failed[:2])}"
-    return _explained(replace(second, notes=(note,)), wanted)
-
-
-@dataclass(frozen=True, eq=False)
-class _World:
-    """How the world is set, and the cameras that really hang upside down in it."""
-
-    rule: WorldRule
-    upside_down: tuple[str, ...]
+    return _explained(replace(second, notes=(note,)), rule)
 
 
 @dataclass(frozen=True, eq=False)
@@ -122,7 +114,7 @@ class _Attempt:
         return any(check.name in SAID_BY_ITSELF for check in self.failed)
 
 
-def _attempt(task: RigTask, world: _World, clocks: str) -> _Attempt:
+def _attempt(task: RigTask, rule: WorldRule, upside_down: tuple[str, ...], clocks: str) -> _Attempt:
     """Solve and check as far as that goes."""
     task = replace(task, options=replace(task.options, clocks=clocks))
     done: list[Check] = [
@@ -135,18 +127,18 @@ def _attempt(task: RigTask, world: _World, clocks: str) -> _Attempt:
         _stop_if_failed(done)
         solved = _solve(task, done)
         done += solution_checks(task, solved, done)
-        done += world_checks(_in_world(solved, world.rule)[0], world.rule.has_floor, world.upside_down)
+        done += world_checks(_in_world(solved, rule)[0], rule.has_floor, upside_down)
     except RefusedCalibration as refused:
         return _Attempt(task, refused.report.checks, solved)
     return _Attempt(task, tuple(done), solved)
 
 
-def _explained(attempt: _Attempt, world: _World) -> Calibration:
+def _explained(attempt: _Attempt, rule: WorldRule) -> Calibration:
     """The calibration; where checks fail, the refusal with its likely cause in front."""
     task, solved = attempt.task, attempt.solved
     if not attempt.failed:
         assert solved is not None
-        return _calibration(attempt, solved, world.rule)
+        return _calibration(attempt, solved, rule)
     # what speaks for itself first: it explains the others (an image upside down, where its principal point seems to be)
     done = tuple(sorted(attempt.done, key=lambda check: check.passed or check.name not in SAID_BY_ITSELF))
     if not attempt.says_why:
@@ -158,7 +150,7 @@ def _explained(attempt: _Attempt, world: _World) -> Calibration:
         done = (*named, *done)
     if solved is None:
         raise RefusedCalibration(CalibrationReport("extrinsics", done, attempt.notes))
-    kept = _calibration(replace(attempt, done=done), solved, world.rule)
+    kept = _calibration(replace(attempt, done=done), solved, rule)
     raise RefusedCalibration(kept.report, kept)
 
 

@@ -10,8 +10,7 @@ from typing import Annotated
 import numpy as np
 from annotated_types import Gt
 
-from posefuse.calibration.projection import Lenses
-from posefuse.calibration.rotations import Poses, poses_of
+from posefuse.calibration.geometry import Lenses, Poses, poses_of
 from posefuse.calibration.targets.corners import CornerObservations
 from posefuse.calibration.targets.kinds import Markers, Target, patch_corners
 from posefuse.core import SE3, CalibrationError, Camera, ConfigError, InputError, Rig
@@ -19,8 +18,8 @@ from posefuse.core.arrays import Array
 from posefuse.core.errors import choices
 from posefuse.foundation.settings import read_settings, settings
 
-from .bootstrap import one_patch, planar_views, prop_track, prop_views
-from .prop_solve import Freedom, PropState, solve_prop
+from .bootstrap import PropShape, planar_views, prop_track, prop_views
+from .prop_solve import Freedom, PropSolution, PropState, solve_prop
 from .snapshots import Snapshots, snapshots
 
 _MOST_STILL_PX = 3.0
@@ -63,16 +62,19 @@ def locate_static(rig: Rig, observations: CornerObservations, target: Target, pa
     if len(mine) == 0:
         raise CalibrationError(f"target {patch}: no camera sees it; seen are: {sorted(set(observations.patch.tolist()))}")
     still = _one_frame(mine, patch)
-    world_from_patch, residual_px = _solve(rig, snapshots(still, np.zeros(1, np.int64), np.zeros((len(rig), 2))), target)
+    seen = snapshots(still, np.zeros(1, np.int64), np.zeros((len(rig), 2)))
+    placed = placed_by_rig(rig, seen, seen, target, Freedom(reference=None, held_patches=None))
+    if placed is None:
+        raise CalibrationError(f"target {patch}: no camera sees 4 of its corners")
     width = max(max(camera.size_wh) for camera in rig)
-    rms = float(np.sqrt((residual_px**2).mean()))
+    rms = float(np.sqrt((placed[0].residual_px ** 2).mean()))
     limit = _MOST_STATIC_RMS_PX_PER_1000 * width / 1000
     if not rms <= limit:
         raise CalibrationError(
             f"target {patch}: cameras disagree about where it lies, {rms:.1f} px (limit {limit:.1f});"
             " was it moved, is its side right, did a camera move?"
         )
-    return world_from_patch[0]
+    return placed[0].state.world_from_prop.se3()[0]
 
 
 def _one_frame(mine: CornerObservations, patch: int) -> CornerObservations:
@@ -92,29 +94,30 @@ def _one_frame(mine: CornerObservations, patch: int) -> CornerObservations:
     )  # fmt: skip
 
 
-def patch_track(rig: Rig, seen: Snapshots, corners: Array) -> Poses:
-    """world_from_patch (T,) of one patch as the cameras of the rig see it; NaN where none sees enough of its corners."""
-    lenses, shape = Lenses(tuple(rig)), one_patch()
-    in_images = prop_views(seen, planar_views(seen, corners, lenses), shape, corners, lenses)
-    return prop_track(seen, in_images, shape, corners, lenses, poses_of(rig))
+def placed_by_rig(
+    rig: Rig, seen: Snapshots, placing: Snapshots, target: Target, freedom: Freedom
+) -> tuple[PropSolution, Snapshots] | None:
+    """A solve from the cameras and clocks of the rig, for one patch of the target at every time step.
 
+    Args:
+        placing: those of the corners that show where the patch is.
 
-def rig_state(rig: Rig, track: Poses) -> PropState:
-    """The start of a solve: the cameras and clocks as in the rig, the patch along its track (T,)."""
-    return PropState.starting(poses_of(rig), track, Poses.identity(1), np.zeros((len(rig), 2)))
-
-
-def _solve(rig: Rig, seen: Snapshots, target: Target) -> tuple[SE3, Array]:
-    """world_from_patch (T,), and residuals (N, 2) px, predicted minus observed."""
-    corners = patch_corners(target, seen.patches)
-    track = patch_track(rig, seen, corners)
+    Returns:
+        The solution and the corners at the time steps at which the patch has a place; None where no camera sees enough of it.
+    """
+    lenses, shape, corners = (
+        Lenses(tuple(rig)),
+        PropShape({0: Poses(np.eye(3), np.zeros(3))}, (0,)),
+        patch_corners(target, seen.patches),
+    )
+    in_images = prop_views(placing, planar_views(placing, corners, lenses), shape, corners, lenses)
+    track = prop_track(placing, in_images, shape, corners, lenses, poses_of(rig))
     known = np.asarray(np.isfinite(track.t).all(axis=1))
     if not known.any():
-        raise CalibrationError(f"target {int(seen.patches[0])}: no camera sees 4 of its corners")
+        return None
     seen = seen.rows(known[seen.time_step])
-    solution = solve_prop(seen, corners, tuple(rig), rig_state(rig, track), Freedom(reference=None, held_patches=None))
-    poses = Poses(solution.state.world_from_prop.R, np.where(known[:, None], solution.state.world_from_prop.t, np.nan))
-    return poses.se3(), solution.residual_px
+    start = PropState.starting(poses_of(rig), track, Poses.identity(1), np.zeros((len(rig), 2)))
+    return solve_prop(seen, corners, tuple(rig), start, freedom), seen
 
 
 _LEAST_TRIANGLE_RAD = np.deg2rad(5)

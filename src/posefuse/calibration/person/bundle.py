@@ -9,7 +9,7 @@ import numpy as np
 
 from posefuse.calibration.bundle import PointFreedom, PointSolution, PointState, PointViews, solve_points
 from posefuse.calibration.extrinsics.world import triangulate_linear
-from posefuse.calibration.rotations import Poses, stacked
+from posefuse.calibration.geometry import Poses, stacked
 from posefuse.core import CalibrationError, Camera, Rig
 from posefuse.core.arrays import Array
 

@@ -9,11 +9,9 @@ import numpy as np
 
 from posefuse.calibration.bundle import FOCAL, LATE, PointState, solve_points
 from posefuse.calibration.clocks.sync import person_seen
-from posefuse.calibration.extrinsics import self_checks
 from posefuse.calibration.extrinsics.freedoms import IN_STEP
 from posefuse.calibration.report import Check
-from posefuse.calibration.rotations import poses_of
-from posefuse.core import CalibrationError, Camera, Rig, Skeleton
+from posefuse.core import CalibrationError, Camera, Skeleton
 from posefuse.core.arrays import Array
 
 from .bundle import PersonSolution, solve_person_bundle
@@ -37,14 +35,7 @@ _FORWARDS = (
 
 def check_person_in_views(views: PersonViews) -> Check:
     """Every camera saw the person."""
-    seen = views.usable.any(axis=2).sum(axis=1)
-    blind = [f"{name} ({n} of {len(views.t_ns)} frames)" for name, n in zip(views.cameras, seen, strict=True) if n < 5]
-    return person_seen(blind)
-
-
-def person_solution_checks(skeleton: Skeleton, solved: PersonSolution, rig: Rig, xyz: Array) -> list[Check]:
-    """The keypoints fit, the cameras agree, nothing is mirrored, and no two cameras share a place."""
-    return [*fit_checks(solved), check_mirror(skeleton, xyz), self_checks.check_cameras_apart(solved.cameras, poses_of(rig))]
+    return person_seen(views.cameras, np.asarray(views.usable.any(axis=2)), 5)
 
 
 def fit_checks(solved: PersonSolution) -> list[Check]:

@@ -30,8 +30,6 @@ class KnownLength:
     apart: tuple[str, str, float] | None = None
 
     def __post_init__(self) -> None:
-        if (self.stature_m is None) == (self.apart is None):
-            raise CalibrationError("scale: give either the person's stature, or two cameras and their distance")
         if self.apart is not None and self.apart[0] == self.apart[1]:
             raise CalibrationError(f"scale: expected the distance of two cameras, got {self.apart[0]} twice")
         metres = self.stature_m if self.apart is None else self.apart[2]

@@ -27,11 +27,11 @@ from posefuse.calibration.clocks.sync import (
     middle_s,
     moving_keypoints,
 )
-from posefuse.calibration.extrinsics.self_checks import camera_differences, check_videos_differ
+from posefuse.calibration.extrinsics.self_checks import camera_differences, check_cameras_apart, check_videos_differ
 from posefuse.calibration.extrinsics.target import world_checks
 from posefuse.calibration.extrinsics.world import WorldRule, floor_from_feet, floor_under_body, triangulate_linear
+from posefuse.calibration.geometry import poses_of
 from posefuse.calibration.report import CalibrationReport, Check, RefusedCalibration
-from posefuse.calibration.rotations import poses_of
 from posefuse.core import SE3, CalibrationError, Camera, Rig, Skeleton
 from posefuse.core.arrays import Array
 
@@ -40,12 +40,13 @@ from .checks import (
     SAME_VIDEO_PX,
     STANDING_POINTS,
     check_intrinsics,
+    check_mirror,
     check_person_in_views,
     check_standing,
     check_synchronised,
     check_walk,
+    fit_checks,
     likely_person_causes,
-    person_solution_checks,
     solution_fits,
     spread_m,
 )
@@ -94,7 +95,8 @@ def calibrate_from_person(
     rig, xyz = _scaled(views, solved, length)
     distance_m = float(np.nanmedian(np.linalg.norm(rig.cameras[0].cam_from_world @ xyz.reshape(-1, 3), axis=1)))
     hips = xyz[:, views.skeleton.indices(_HIPS)].mean(axis=1)
-    done += [*person_solution_checks(views.skeleton, solved, rig, xyz), check_walk(hips, distance_m)]
+    done += [*fit_checks(solved), check_mirror(views.skeleton, xyz), check_cameras_apart(cameras, poses_of(rig))]
+    done.append(check_walk(hips, distance_m))
     if CalibrationReport(_SUBJECT, tuple(done)).failed:
         CalibrationReport(_SUBJECT, (*likely_person_causes(views, solved), *done)).require()
     free = solved.freed(focal=True)

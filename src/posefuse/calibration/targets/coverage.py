@@ -8,8 +8,10 @@ from pathlib import Path
 
 import cv2
 import numpy as np
+from scipy.sparse.csgraph import connected_components
 
 from posefuse.core.arrays import Array, freeze_fields
+from posefuse.core.view_sequences import nearest_frames
 from posefuse.foundation.output_file import atomic_file, keep_copy
 
 from .corners import CornerObservations
@@ -117,26 +119,14 @@ def _shared_moments(a_ns: Array, b_ns: Array) -> int:
     """Moments that two cameras with frames at these sorted times share: no frame is counted twice."""
     if not len(a_ns) or not len(b_ns):
         return 0
-    near = []
-    for mine, others in ((a_ns, b_ns), (b_ns, a_ns)):
-        after = np.clip(np.searchsorted(others, mine), 1, len(others) - 1) if len(others) > 1 else np.zeros(len(mine), np.int64)
-        apart = np.minimum(np.abs(others[after] - mine), np.abs(others[np.maximum(after - 1, 0)] - mine))
-        near.append(int((apart <= SAME_MOMENT_NS).sum()))
-    return min(near)
+    apart_ns = (np.abs(mine - others[nearest_frames(others, mine)]) for mine, others in ((a_ns, b_ns), (b_ns, a_ns)))
+    return min(int((apart <= SAME_MOMENT_NS).sum()) for apart in apart_ns)
 
 
 def linked_groups(linked: Array) -> list[list[int]]:
     """Connected groups of the symmetric relation (n, n), largest first, then by first member."""
-    left, groups = set(range(len(linked))), []
-    while left:
-        group, front = [], [min(left)]
-        while front:
-            i = front.pop()
-            if i in left:
-                left.remove(i)
-                group.append(i)
-                front.extend(np.flatnonzero(linked[i]).tolist())
-        groups.append(sorted(group))
+    count, label = connected_components(linked, directed=False)
+    groups = [np.flatnonzero(label == i).tolist() for i in range(count)]
     return sorted(groups, key=lambda group: (-len(group), group[0]))
 
 

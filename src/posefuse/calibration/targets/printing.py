@@ -21,7 +21,8 @@ _POINTS_PER_M = 72 / 0.0254
 _MARGIN_M = 0.010
 _RULER_M = 0.100
 _FOOT_M = 0.022
-CUBE_IDS = 6
+# one per face of a cube of edge side * (modules + 2) / modules; where each goes does not matter
+CUBE_IDS = range(6)
 
 
 @dataclass(frozen=True)
@@ -52,18 +53,9 @@ def marker_sheets(target: Markers, ids: Sequence[int], page: str = "a4") -> list
     return sheets
 
 
-def cube_sheets(target: Markers, page: str = "a4") -> list[Sheet]:
-    """Six pages, one per face of a cube of edge side * (modules + 2) / modules; where each goes does not matter."""
-    return marker_sheets(target, range(CUBE_IDS), page)
-
-
 def board_sheets(target: Charuco, page: str = "a3") -> list[Sheet]:
     """A board on one page per side, long side along the long side of the page."""
     return [_charuco_sheet(target, page, side) for side in sides(target)]
-
-
-def _side_words(side: int) -> str:
-    return ", the back: its top behind the top of the front" if side == BACK_PATCH else ""
 
 
 def _charuco_sheet(target: Charuco, page: str, side: int) -> Sheet:
@@ -83,9 +75,10 @@ def _charuco_sheet(target: Charuco, page: str, side: int) -> Sheet:
         corners_m = (0, border_m, target.square_m - border_m, target.square_m)
         return at * target.square_m + np.interp(in_square, (0, px, cell - px, cell), corners_m)
 
+    which = ", the back: its top behind the top of the front" if side == BACK_PATCH else ""
     caption = (
         f"posefuse ChArUco {target.columns} x {target.rows} squares of {target.square_m * 1e3:g} mm, markers"
-        f" {target.marker_m * 1e3:g} mm, {target.dictionary}{_side_words(side)}"
+        f" {target.marker_m * 1e3:g} mm, {target.dictionary}{which}"
     )
     return Sheet(size, _rectangles(image < 128, left + edges_m(target.columns), bottom + edges_m(target.rows)), (), caption)
 

@@ -14,9 +14,8 @@ import numpy as np
 from posefuse.core import DiskFullError, InputError, Progress, silent
 from posefuse.detection.build import fetch_networks
 from posefuse.formats.page import write_page
-from posefuse.foundation.output_file import atomic_file, earlier_kept, keep_copy, write_text
+from posefuse.foundation.output_file import atomic_file, check_outside_inputs, earlier_kept, keep_copy, write_text
 from posefuse.foundation.output_folder import check_replaceable, growing_folder
-from posefuse.foundation.places import check_outside_inputs
 from posefuse.foundation.summary import Block, Heading, Note, Table
 from posefuse.pipeline.writing import build_sinks
 
