@@ -48,12 +48,12 @@ def _named(given: str | Path) -> list[tuple[str, Path]]:
     path, (name, equals, place) = Path(given), str(given).partition("=")
     if equals and isinstance(given, str) and not path.exists():
         return [(name, Path(place))]
-    place = path / VIDEOS_FOLDER if (path / VIDEOS_FOLDER).is_dir() else path
-    if place == path and not (path.is_dir() and any(_is_video(one) for one in path.iterdir())):
+    folder = path / VIDEOS_FOLDER if (path / VIDEOS_FOLDER).is_dir() else path
+    if folder == path and not (path.is_dir() and any(_is_video(one) for one in path.iterdir())):
         return [(path.stem, path)]
-    found = [one for one in sorted(place.iterdir()) if _is_recording(one)]
+    found = [one for one in sorted(folder.iterdir()) if _is_recording(one)]
     if not found:
-        raise InputError(f"{place}: expected videos ({choices(VIDEO_SUFFIXES)}) or folders of images, got none")
+        raise InputError(f"{folder}: expected videos ({choices(VIDEO_SUFFIXES)}) or folders of images, got none")
     # a camera twice, as a video and as images, is refused by its name
     return [(one.name if one.is_dir() else one.stem, one) for one in found]
 
