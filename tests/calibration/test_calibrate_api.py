@@ -47,6 +47,15 @@ def test_a_session_folder_holds_videos_or_folders_of_images_as_track_and_the_sim
     refusal(InputError, "two recordings are named cam00", paths_by_camera, tmp_path)
 
 
+def test_a_folder_of_videos_stands_for_all_of_them_as_track_takes_it(tmp_path: Path) -> None:
+    for name in ("cam00.mp4", "cam01.MOV", "rig_coverage.png", "rig.toml"):
+        (tmp_path / name).touch()
+    assert paths_by_camera(tmp_path) == {"cam00": tmp_path / "cam00.mp4", "cam01": tmp_path / "cam01.MOV"}
+    (images := tmp_path / "frames").mkdir()
+    (images / "000.jpg").touch()
+    assert paths_by_camera(images) == {"frames": images}
+
+
 def test_a_text_names_a_recording_unless_a_file_has_that_name(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     Path("speed=3.mp4").touch()

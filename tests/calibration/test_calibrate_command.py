@@ -86,6 +86,8 @@ EXTRINSICS = "extrinsics --target cube.toml --intrinsics lenses.toml --out rig.t
         (f"{PERSON} --height-m 1.8 cam00.mp4 cam01=.", InputError, "lies inside the input"),
         ("intrinsics --target b.toml --out r.toml --report none/file a.mp4", InputError, "--report "),
         ("intrinsics --target board.toml --out r.toml cam=none.mp4", InputError, "no such video or folder of images"),
+        ("extrinsics --target chess.toml --out rig.toml cam00.mp4", CalibrationError, "looks the same from both ends"),
+        ("verify --target chess.toml --rig lenses.toml cam00.mp4", CalibrationError, "looks the same from both ends"),
         (f"{EXTRINSICS} --floor-points none.toml", ConfigError, r"none\.toml: no such file"),
         (f"{EXTRINSICS} --floor-points a.toml --floor-marker 7", InputError, "one of the two sets the world"),
     ],
@@ -95,6 +97,7 @@ def test_what_is_wrong_with_a_command_is_reported_before_any_work(
 ) -> None:
     write_rig(tmp_path / "lenses.toml", lab.rig)
     write_target(tmp_path / "cube.toml", Markers(0.12))
+    write_target(tmp_path / "chess.toml", Chessboard(8, 6, 0.03))
     write_target(tmp_path / "board.toml", Charuco(columns=5, rows=7, square_m=0.05, marker_m=0.0375))
     (tmp_path / "cam00.mp4").touch()
     (tmp_path / "poses").mkdir()

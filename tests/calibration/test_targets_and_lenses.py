@@ -106,6 +106,7 @@ def test_a_target_that_is_not_found_is_explained() -> None:
     assert len(TargetDetector(BOARD).detect(grey).xy_img) == 24
     assert "mirrored" in why_nothing([cv2.flip(grey, 1)], BOARD)
     assert "colours exchanged" in why_nothing([255 - grey], BOARD)
+    assert "it is there with columns = 5, rows = 7" in why_nothing([grey], replace(BOARD, columns=7, rows=5))
     assert "DICT_4X4" in why_nothing([grey], replace(BOARD, dictionary="DICT_7X7_50"))
     assert "no marker of any known dictionary" in why_nothing([np.full((200, 300), 128, np.uint8)], BOARD)
     checks = cv2.resize(np.kron(np.indices((6, 8)).sum(axis=0) % 2, np.ones((8, 8))).astype(np.uint8) * 255, None, fx=5, fy=5)

@@ -63,6 +63,12 @@ def test_drift_shows_when_aligned_by_the_first_seconds_only() -> None:
     assert compare(a, drifting, time=False, start_s=0.5).drift_mm_per_m > 10
 
 
+def test_a_drift_of_a_person_who_stays_is_not_shown_as_a_number() -> None:
+    a = mover(50, duration_s=0.2)
+    found = compare(a, replace(a, name="b"), time=False, space=False)
+    assert np.isnan(found.drift_mm_per_m) and "'drift': 'not determined over 0.2 m walked'" in str(found.summary())
+
+
 def test_gaps_are_bridged_briefly_and_never_outside() -> None:
     a = mover(50, 2.0)
     xyz = np.array(a.xyz_m)

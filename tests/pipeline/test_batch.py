@@ -82,6 +82,16 @@ def test_a_folder_that_is_no_study_is_refused(folder: Path, name: str, problem: 
     refusal(InputError, problem, find_trials, folder / name)
 
 
+def test_results_next_to_sessions_are_no_sessions(folder: Path, here: list[str], tmp_path: Path) -> None:
+    """A result holds a video of what was found, `overlay.mp4`: it failed as a trial, and by itself was called a session."""
+    run(folder, tmp_path / "results")
+    result = (tmp_path / "results" / "P01" / "fast").rename(folder / "P01" / "fast-result")
+    (result / "overlay.mp4").touch()
+    names = [trial.name for trial in find_trials(folder)]
+    assert names == ["P01/fast", "P01/slow", "P02/broken", "P02/slow"]
+    refusal(InputError, "no session found below it", find_trials, result)
+
+
 def test_a_failure_is_named_and_the_rest_is_finished(folder: Path, here: list[str], tmp_path: Path) -> None:
     news: list[str] = []
     study = run(folder, tmp_path / "out", progress=lambda stage, done, total, message="": news.append(message))

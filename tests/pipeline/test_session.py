@@ -102,7 +102,9 @@ def test_what_is_wrong_is_named(session: Path, tmp_path: Path) -> None:
     assert "at least 2 calibrated cameras, got 1" in refused(session)
     touch(session, ["cam_02.mp4", "a person.mp4"])
     message = refused(session)
-    assert "a person.mp4" in message and "cam_01, cam_02, cam_10" in message and "[cameras.cam_01]" in message
+    assert "a person.mp4" in message and "cam_01, cam_02, cam_10" in message and '[cameras.cam_01] video = "..."' in message
+    touch(session / "pose2d" / "side", ["a.0000.json"])
+    assert '[cameras.cam_01] pose2d = "..."' in refused(session, TrackConfig(input="pose2d"))
     (session / "a person.mp4").unlink()
     touch(session, ["trial_cam_02.mp4"])
     assert "second one for camera cam_02" in refused(session)

@@ -14,8 +14,9 @@ import pytest
 from built import admitted, camera_state
 from checks import refusal
 
-from posefuse.api.live_run import write_latency_report
+from posefuse.api.live_run import LiveRun, write_latency_report
 from posefuse.cli import main as cli
+from posefuse.cli.stopping import NO_PERSON_CODE
 from posefuse.core import CameraHealth, Detections2D, Skeleton, SourceError
 from posefuse.foundation.channel import Channel, ChannelClosed
 from posefuse.health.cameras import Monitor
@@ -380,6 +381,21 @@ def test_options_that_cannot_be_are_one_line_before_anything_starts(
     assert out == "" and words in err
     assert err.count("\n") == 1 and "Traceback" not in err
     assert sorted(tmp_path.rglob("*")) == sorted(kept)
+
+
+def test_cameras_cannot_be_shown_again(capsys, demo_session) -> None:
+    sources = [word for camera in (0, 1) for word in ("--source", f"cam{camera:02d}=usb:{camera}")]
+    assert cli.main(["live", str(demo_session / "rig.toml"), *sources, "--loop", "4"]) == 1
+    assert "--loop 4: no source is a video or a simulated session" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("people", [False, True])
+def test_a_report_is_suggested_only_where_a_person_was_tracked(people, tmp_path, monkeypatch, capsys) -> None:
+    (record := tmp_path / "walk.mcap").touch()
+    run = LiveRun(figures={"videos": {}}, stopped_by="", failed=False, people=people, poses=9, blocks=())
+    monkeypatch.setattr("posefuse.track_live", lambda *_, **options: run)
+    assert cli.main(["live", "rig.toml", "--source", "sim:none", "--record", str(record)]) == (0 if people else NO_PERSON_CODE)
+    assert ("posefuse report" in capsys.readouterr().err) == people
 
 
 def test_where_ros_2_is_has_no_effect_on_a_recording_without_its_topics(demo_session, tmp_path, capsys) -> None:

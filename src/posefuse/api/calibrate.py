@@ -30,7 +30,7 @@ from posefuse.calibration.report import CalibrationReport, Check, RefusedCalibra
 from posefuse.calibration.targets.corners import CornerObservations
 from posefuse.calibration.targets.coverage import write_coverage
 from posefuse.calibration.targets.detection import detect_corners
-from posefuse.calibration.targets.kinds import Target, read_target
+from posefuse.calibration.targets.kinds import Target, check_one_end, read_target
 from posefuse.calibration.targets.recordings import (
     Inputs,
     observe_sources,
@@ -79,9 +79,11 @@ def observe_target(
 
     Raises:
         InputError: a path that does not exist, or is neither a video nor a folder of images.
+        CalibrationError: a chessboard, whose corners cameras count from different ends.
     """
+    check_one_end(kind := target_of(target))
     with shown(progress) as report:
-        seen = observe_sources(open_sources(inputs), target_of(target), every, report)
+        seen = observe_sources(open_sources(inputs), kind, every, report)
     return replace(seen, recordings=tuple(paths_by_camera(inputs).items()))
 
 
@@ -194,6 +196,7 @@ def calibrate_extrinsics(
     lenses, kind = None if intrinsics is None else rig_of(intrinsics), target_of(target)
     if lenses is None and focal_known_to_percent is not None:
         raise InputError("`focal_known_to_percent=P`: needs `intrinsics=FILE` to refine; without them, all are estimated")
+    check_one_end(kind)
     check_floor(floor, kind)
     _check_names(upside_down, inputs.cameras if isinstance(inputs, CornerObservations) else paths_by_camera(inputs))
     seen = inputs

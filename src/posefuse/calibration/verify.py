@@ -14,7 +14,7 @@ from posefuse.calibration.extrinsics.world import aligned, placed_by_rig, triang
 from posefuse.calibration.geometry import Lenses, angle_between, centre_covariance_m2
 from posefuse.calibration.targets.corners import CornerObservations
 from posefuse.calibration.targets.coverage import CELLS_WH, cell_of
-from posefuse.calibration.targets.kinds import Chessboard, Target, patch_corners
+from posefuse.calibration.targets.kinds import Target, check_one_end, patch_corners
 from posefuse.core import CalibrationError, Rig
 from posefuse.core.arrays import Array
 
@@ -267,8 +267,7 @@ def verify(rig: Rig, observations: CornerObservations, target: Target, late_s: A
     Raises:
         CalibrationError: too few lengths for a result, or a chessboard, whose corners cameras count from different ends.
     """
-    if isinstance(target, Chessboard):
-        raise CalibrationError("verification: a plain chessboard looks the same from both ends; use a ChArUco board or markers")
+    check_one_end(target)
     observations = aligned(observations, rig)
     if len(observations) == 0:
         raise CalibrationError("verification: no camera sees the target")

@@ -139,7 +139,7 @@ def live(
         )
     if videos and any(one["written"] for one in run.figures["videos"].values()):
         terminal.next(f"posefuse track {quoted(videos)} --out DIR", "the videos, solved over all of time")
-    _show_next(outputs, terminal, poses=run.poses)
+    _show_next(outputs, terminal, people=run.people)
     return {**run.figures, "exit_code": exit_code(run, timing.duration, terminal)}
 
 
@@ -157,10 +157,10 @@ def how_it_ended(stopped_by: str, duration_s: float | None, terminal: Terminal, 
     return code
 
 
-def _show_next(outputs: OutputOptions, terminal: Terminal, *, poses: int) -> None:
+def _show_next(outputs: OutputOptions, terminal: Terminal, *, people: bool) -> None:
     if outputs.record is None:
         terminal.next("the same with --record FILE.mcap", "keeps views and poses")
-    elif poses and outputs.record.exists():
+    elif people and outputs.record.exists():
         terminal.next(f"posefuse report {quoted(outputs.record)}", "joint angles, gait, files for OpenSim and Blender, one page")
         terminal.next(f"posefuse solve {quoted(outputs.record)} --out DIR", "solves it again over all of time, more exactly")
     if outputs.report:

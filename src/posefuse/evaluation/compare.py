@@ -92,7 +92,8 @@ class Comparison:
     Attributes:
         alignment: of b onto a. points: those in both. t_s: (T,) times of a. a_m, b_m: (T, K, 3), b aligned.
         errors: distances per point.
-        walked_m: (T,) way of the middle of a. apart_m: (T,) level distance of the middles. drift_mm_per_m: its slope.
+        walked_m: (T,) way of the middle of a. apart_m: (T,) level distance of the middles. drift_mm_per_m: its slope,
+            NaN where the person walks less than half a metre.
         a, b: what was compared, as it was. inputs: files and folders that it was read from. notes: why nothing was aligned.
     """
 
@@ -132,13 +133,14 @@ class Comparison:
     def summary(self) -> list[Block]:
         """The alignment and the distances, for people."""
         turn = np.degrees(np.arccos(np.clip((np.trace(self.alignment.rotation) - 1) / 2, -1, 1)))
+        slope = f"{self.drift_mm_per_m:z.1f} mm per m" if np.isfinite(self.drift_mm_per_m) else "not determined"
         facts = {
             "offset in time": f"{1000 * self.alignment.offset_s:z.1f} ms",
             "turned by": f"{turn:.2f} deg",
             "moved by": f"{np.linalg.norm(self.alignment.shift_m):.3f} m",
             "scale": f"{self.alignment.scale:.4f}",
             "mean distance": f"{self.errors.mpjpe_mm:.1f} mm over {len(self.points)} points",
-            "drift": f"{self.drift_mm_per_m:z.1f} mm per m over {self.walked_m[-1]:.1f} m walked",
+            "drift": f"{slope} over {self.walked_m[-1]:.1f} m walked",
         }
         rows = [
             [point.replace("_", " "), *list(row.values())[:-1], f"{row['found']:.0%}"]

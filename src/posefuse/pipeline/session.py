@@ -116,7 +116,7 @@ def find_session(folder: Path, config: TrackConfig) -> Session:
         raise CalibrationError(f"config: no camera {choices(unknown)} in {rig_path}; there are: {choices(rig.names)}")
     kind, found = _data(folder, config)
     named = _named_inputs(folder, config)
-    matched = {name: (kind, path) for name, path in _match(found, rig, named, folder).items()}
+    matched = {name: (kind, path) for name, path in _match(found, rig, named, folder, kind).items()}
     settings = {name: config.cameras.get(name, CameraInput()) for name in rig.names}
     data = matched | named
     used = [name for name in rig.names if name in data and not settings[name].skip]
@@ -220,7 +220,7 @@ def _named_inputs(folder: Path, config: TrackConfig) -> dict[str, tuple[str, Pat
     return named
 
 
-def _match(found: list[Path], rig: Rig, named: Mapping[str, tuple[str, Path]], folder: Path) -> dict[str, Path]:
+def _match(found: list[Path], rig: Rig, named: Mapping[str, tuple[str, Path]], folder: Path, kind: str) -> dict[str, Path]:
     """Data by camera name: spelling aside (cam_01 = Cam1 = cam01_json), every entry must find its camera."""
     taken = {path for _, path in named.values()}
     open_names = [name for name in rig.names if name not in named]
@@ -230,9 +230,10 @@ def _match(found: list[Path], rig: Rig, named: Mapping[str, tuple[str, Path]], f
         name = _camera_of(path.stem, open_names)
         if name is None or name in matched:
             problem = "matches no camera of the rig, or several" if name is None else f"is a second one for camera {name}"
+            key = "video" if kind == "videos" else kind
             raise InputError(
                 f"{path}: {problem}; cameras: {choices(rig.names)}; rename it, or name the data per camera in "
-                f'{folder / "posefuse.toml"}: [cameras.{rig.names[0]}] video = "..." (or skip = true)'
+                f'{folder / "posefuse.toml"}: [cameras.{rig.names[0]}] {key} = "..." (or skip = true)'
             )
         matched[name] = path
     return matched

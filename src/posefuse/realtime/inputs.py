@@ -64,8 +64,10 @@ def shown_again(inputs: Sequence[LiveInput], loop_s: float | Literal["shortest"]
     """The inputs, recorded ones shown again after so long; ``shortest``: as long as the shortest video, None: not.
 
     Raises:
-        SourceError: a video that cannot be read.
+        SourceError: a video that cannot be read, or a time and nothing that can be shown again.
     """
+    if isinstance(loop_s, int | float) and not any(entry.from_zero for entry in inputs):
+        raise SourceError(f"`loop_s={loop_s:g}`: no source is a video or a simulated session; leave it out, or add one")
     lengths_s = (length_s(entry.config.path) for entry in inputs if entry.kind == "video")
     turn_s = loop_s if not isinstance(loop_s, str) else min(lengths_s, default=0.0) or None
     return tuple(replace(entry, loop_s=turn_s) for entry in inputs)

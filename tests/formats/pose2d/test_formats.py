@@ -200,6 +200,16 @@ def test_the_same_keypoint_under_two_names_is_an_error(tmp_path: Path) -> None:
     refusal(InputError, "all of which mean left_knee", read_pose2d, path, "cam")
 
 
+@pytest.mark.parametrize("cut", [3, 150])
+def test_a_deeplabcut_file_that_was_cut_short_is_named_with_its_row(tmp_path: Path, cut: int) -> None:
+    """The messages quoted an IndexError and numpy."""
+    path = deeplabcut(tmp_path)
+    lines = path.read_text().splitlines()
+    row, lines = (2, lines[:1] + [lines[1][:cut]] + lines[2:]) if cut == 3 else (5, [*lines[:4], lines[4][:cut]])
+    path.write_text("\n".join(lines))
+    refusal(InputError, rf"camDLC\.csv: row {row}: expected \d+ columns, got \d+", read_pose2d, path, "cam")
+
+
 def test_a_name_of_any_length_is_one_short_line(tmp_path: Path) -> None:
     path = deeplabcut(tmp_path)
     path.write_text(path.read_text().replace("nose", "x" * 70_000, 1))

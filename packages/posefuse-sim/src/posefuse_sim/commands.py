@@ -11,6 +11,8 @@ import posefuse as pf
 from posefuse.cli.options import Figures, Shown, count
 from posefuse.cli.terminal import quoted
 
+HARMONIC = "harmonic"
+
 
 def simulate(
     scene: Annotated[Path, Parameter(metavar="SCENE.yaml")],
@@ -19,7 +21,7 @@ def simulate(
     out: Annotated[Path | None, Parameter(metavar="DIR")] = None,
     plan: bool = False,
     gazebo: Annotated[Path | None, Parameter(metavar="DIR")] = None,
-    release: Annotated[str, Parameter(name="--for", metavar="RELEASE")] = "harmonic",
+    release: Annotated[str, Parameter(name="--for", metavar="RELEASE")] = HARMONIC,
     force: bool = False,
     workers: Annotated[int | None, Parameter(metavar="N"), count(1024)] = None,
     terminal: Shown,
@@ -40,6 +42,10 @@ def simulate(
 
     if (out is not None) + (gazebo is not None) + plan != 1:
         raise InputError("expected --out DIR (videos), --gazebo DIR (a world) or --plan, one of them")
+    if release != HARMONIC and gazebo is None:
+        raise InputError(f"--for {release}: goes with --gazebo DIR only")
+    if workers is not None and out is None:
+        raise InputError(f"--workers {workers}: goes with --out DIR only")
     if plan:
         found = pf.plan(scene)
         terminal.show(found.summary())

@@ -10,7 +10,7 @@ from posefuse.calibration.clocks.sync import ClockEstimate
 from posefuse.calibration.report import CalibrationReport, Check, RefusedCalibration
 from posefuse.calibration.targets.corners import CornerObservations
 from posefuse.calibration.targets.coverage import TargetCoverage, coverage
-from posefuse.calibration.targets.kinds import Chessboard, Markers, Target
+from posefuse.calibration.targets.kinds import Markers, Target, check_one_end
 from posefuse.core import SE3, CalibrationError, Camera, Rig
 from posefuse.core.arrays import Array
 
@@ -173,8 +173,7 @@ def _may_be_clocks(attempt: _Attempt) -> bool:
 
 
 def _check_input(observations: CornerObservations, intrinsics: Rig, target: Target) -> None:
-    if isinstance(target, Chessboard):
-        raise CalibrationError("extrinsics: a plain chessboard looks the same from both ends; use a ChArUco board or markers")
+    check_one_end(target)
     if len(intrinsics) < 2:
         raise CalibrationError(f"extrinsics: expected at least 2 cameras, got {len(intrinsics)}")
     without = [name for name in intrinsics.names if name not in observations.cameras]

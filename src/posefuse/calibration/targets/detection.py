@@ -176,8 +176,12 @@ def why_nothing(grey_images: Sequence[Array], target: Target, edge_width_px: flo
             return reason
     if isinstance(target, Chessboard):
         return _other_chessboard(grey_images, target)
-    if isinstance(target, Charuco) and _found_in(grey_images, TargetDetector(replace(target, legacy=not target.legacy)), None):
-        return f"it is there with legacy = {not target.legacy}"
+    if isinstance(target, Charuco):
+        turned = replace(target, columns=target.rows, rows=target.columns)
+        if _found_in(grey_images, TargetDetector(turned), None):
+            return f"it is there with columns = {turned.columns}, rows = {turned.rows}"
+        if _found_in(grey_images, TargetDetector(replace(target, legacy=not target.legacy)), None):
+            return f"it is there with legacy = {not target.legacy}"
     own = getattr(target, "dictionary", "")
     # its own first: larger dictionaries of the same size begin with the same markers
     for name in sorted(DICTIONARIES, key=lambda name: name != own):

@@ -216,6 +216,12 @@ def check_board(target: Target) -> None:
         )
 
 
+def check_one_end(target: Target) -> None:
+    """Raise CalibrationError for a target whose corners two cameras may count from different ends."""
+    if isinstance(target, Chessboard):
+        raise CalibrationError("target: a plain chessboard looks the same from both ends; use a ChArUco board or markers")
+
+
 _MM = 1e3
 _KINDS: Mapping[TargetKind, type[Target]] = {"markers": Markers, "charuco": Charuco, "chessboard": Chessboard}
 

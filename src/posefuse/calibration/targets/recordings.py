@@ -18,8 +18,8 @@ from .detection import detect_corners, why_nothing
 from .kinds import Target
 
 Inputs = Mapping[str, str | Path] | Sequence[str | Path] | str | Path
-"""Recordings by camera name, or paths, whose file names without suffix are the cameras' names, or texts ``NAME=PATH``; a session
-folder stands for its videos."""
+"""Recordings by camera name, or paths, whose file names without suffix are the cameras' names, or texts ``NAME=PATH``; a folder
+of videos, or a session that has one, stands for its videos."""
 STAGE = "looking for the target"
 
 # images without times are paired by their place in the folder, for which any rate does
@@ -44,16 +44,16 @@ def paths_by_camera(inputs: Inputs) -> dict[str, Path]:
 
 
 def _named(given: str | Path) -> list[tuple[str, Path]]:
-    """A recording under the name that a text states, or its file's; of a session folder, all in ``SESSION/videos``."""
+    """A recording under the name that a text states, or its file's; of a folder of videos or a session, all in it."""
     path, (name, equals, place) = Path(given), str(given).partition("=")
     if equals and isinstance(given, str) and not path.exists():
         return [(name, Path(place))]
-    videos = path / VIDEOS_FOLDER
-    if not videos.is_dir():
+    folder = path / VIDEOS_FOLDER if (path / VIDEOS_FOLDER).is_dir() else path
+    if folder == path and not (path.is_dir() and any(_is_video(one) for one in path.iterdir())):
         return [(path.stem, path)]
-    found = [one for one in sorted(videos.iterdir()) if _is_recording(one)]
+    found = [one for one in sorted(folder.iterdir()) if _is_recording(one)]
     if not found:
-        raise InputError(f"{videos}: expected videos ({choices(VIDEO_SUFFIXES)}) or folders of images, got none")
+        raise InputError(f"{folder}: expected videos ({choices(VIDEO_SUFFIXES)}) or folders of images, got none")
     # a camera twice, as a video and as images, is refused by its name
     return [(one.name if one.is_dir() else one.stem, one) for one in found]
 
@@ -61,6 +61,10 @@ def _named(given: str | Path) -> list[tuple[str, Path]]:
 def _is_recording(path: Path) -> bool:
     if path.is_dir():
         return any(file.suffix.lower() in IMAGE_SUFFIXES for file in path.iterdir())
+    return _is_video(path)
+
+
+def _is_video(path: Path) -> bool:
     return path.suffix.lower() in VIDEO_SUFFIXES
 
 
@@ -72,7 +76,7 @@ def open_sources(inputs: Inputs) -> list[RecordedSource]:
             raise InputError(f"{path}: no such video or folder of images")
         if path.is_dir():
             sources.append(ImagesConfig(path, name, _NUMBERED_HZ).build())
-        elif path.suffix.lower() in VIDEO_SUFFIXES:
+        elif _is_video(path):
             sources.append(VideoConfig(path, name).build())
         else:
             raise InputError(f"{path}: expected a folder of images or a video ({choices(VIDEO_SUFFIXES)})")

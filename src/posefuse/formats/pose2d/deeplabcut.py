@@ -116,6 +116,9 @@ def read(path: Path, camera: str, skeleton: Skeleton | None = None) -> Pose2DFra
 def _read_csv(path: Path, camera: str, skeleton: Skeleton | None) -> Pose2DFrames:
     with path.open(newline="", encoding="utf-8") as file:
         rows = [row for row in csv.reader(file) if row]
+    for number, row in enumerate(rows, start=1):
+        if len(row) != len(rows[0]):
+            raise InputError(f"{path}: row {number}: expected {len(rows[0])} columns, got {len(row)}")
     count = next((i for i, row in enumerate(rows) if row[0].strip() not in _HEADER), len(rows))
     header, body = rows[:count], rows[count:]
     if not body:

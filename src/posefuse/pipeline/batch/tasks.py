@@ -18,6 +18,7 @@ from posefuse import __version__
 from posefuse.core import InputError, PosefuseError, Recording
 from posefuse.foundation.parsing import plain
 from posefuse.pipeline.config import CONFIG_FILE, TrackConfig, changed_config, read_config
+from posefuse.pipeline.reading import is_result
 from posefuse.pipeline.result_folder import ResultFolder, unfinished_work
 from posefuse.pipeline.session import KINDS, data_entries, find_session, rig_files
 from posefuse.pipeline.track import track_session
@@ -56,7 +57,7 @@ def find_trials(study: Path) -> list[Trial]:
     """All sessions below a folder, by name.
 
     A session has videos, images or 2D poses where `posefuse track` looks for them. One without a calibration file uses the
-    nearest one above it, up to the study. Folders inside a session, and hidden ones, are not searched.
+    nearest one above it, up to the study. Folders inside a session or a result, and hidden ones, are not searched.
 
     Raises:
         InputError: no such folder, or no session below it.
@@ -64,7 +65,7 @@ def find_trials(study: Path) -> list[Trial]:
     if not study.is_dir():
         raise InputError(f"{study}: no such folder")
     top = study.resolve()
-    if _has_data(top):
+    if _has_data(top) and not is_result(top):
         raise InputError(f"{study}: is a session itself; use posefuse track, or name the folder that its sessions are in")
     trials = [
         Trial(name=session.relative_to(top).as_posix(), session=session, rig=_rig_above(session, top))
@@ -77,6 +78,9 @@ def find_trials(study: Path) -> list[Trial]:
 
 def _sessions(folder: Path) -> Iterator[Path]:
     for entry in sorted(path for path in folder.iterdir() if path.is_dir() and not path.name.startswith(".")):
+        # a result has a video, too: the overlay
+        if is_result(entry):
+            continue
         if _has_data(entry):
             yield entry
         else:
