@@ -15,7 +15,7 @@ from posefuse.core.observations import observations_from_frames, on_time_steps
 from posefuse.core.skeleton import BLAZEPOSE33, COCO17
 from posefuse.formats.recording import read_recording
 from posefuse.fusion import FuseSettings
-from posefuse.health import noise_scale as module
+from posefuse.health import misalignment
 from posefuse.pipeline import track
 from posefuse.pipeline.second_pass import long_enough, poses_over_time
 from posefuse.pipeline.track import recorded_noise_scale
@@ -291,7 +291,7 @@ def test_track_scales_and_states_it(ring_rig: Callable[..., Rig], tmp_path: Path
     card = str(discs.card_of("simcc", tmp_path))
     found = []
     for least in (10_000, 100):
-        monkeypatch.setattr(module, "_LEAST_SEEN", least)
+        monkeypatch.setattr(misalignment, "_LEAST_SEEN", least)
         out = tmp_path / f"out{least}"
         assert main(["track", str(tmp_path / "session"), "--out", str(out), "--networks", card, "--outputs", "trc", "--raw"]) == 0
         found.append(read_recording(out))
