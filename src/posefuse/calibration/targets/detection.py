@@ -13,10 +13,9 @@ import numpy as np
 from posefuse.core import Frame, Source
 from posefuse.core.arrays import Array
 
-from .board_fit import BoardFit
 from .corners import CornerObservations
 from .kinds import BOARD_PATCH, DICTIONARIES, Charuco, Chessboard, Markers, Target, black_modules, dictionary_of, sides
-from .marker_fit import fit_marker
+from .pattern_fit import BoardFit, fit_marker
 
 # a step in focus is 2 to 4 px wide; one that is wider than this is out of focus, or moved during the exposure
 BLURRED_EDGE_PX = 6.0

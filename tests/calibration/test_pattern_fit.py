@@ -6,7 +6,7 @@ import pytest
 
 from posefuse.calibration.targets.detection import TargetDetector
 from posefuse.calibration.targets.kinds import Charuco
-from posefuse.calibration.targets.marker_fit import fit_marker
+from posefuse.calibration.targets.pattern_fit import fit_marker
 
 DICTIONARY = cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_4X4_50)
 BLACK = (DICTIONARY.generateImageMarker(3, 6) < 128).astype(float)
