@@ -276,7 +276,7 @@ class BoardFit:
         size = (target.columns * square_px, target.rows * square_px)
         printed = target.board(side).generateImage(size)
         # with a square of white around it; by the px of a square
-        self._pictures = {square_px: cv2.copyMakeBorder(printed, *[square_px] * 4, cv2.BORDER_CONSTANT, value=255)}
+        self._pictures = {square_px: np.pad(printed, square_px, constant_values=255)}
 
     def refined(self, grey: Array, corner: Array, xy_img: Array) -> Array:
         """(n, 2) px of four or more corners (n,) that were read at xy_img (n, 2); NaN where something else is seen there."""
@@ -345,9 +345,10 @@ def _shift(drawing: Array, image: Array, at: Array, by: Array, square_px: float)
     start = (low - outer_low + by).astype(np.float32)
     part = drawing[low[1] : high[1], low[0] : high[0]]
     seen = image[outer_low[1] : outer_high[1], outer_low[0] : outer_high[0]]
-    warp = np.column_stack([np.eye(2, dtype=np.float32), start])
+    warp, everywhere = np.column_stack([np.eye(2, dtype=np.float32), start]), np.full(seen.shape, 255, np.uint8)
     try:
-        alike, found = cv2.findTransformECC(part, seen, warp, cv2.MOTION_TRANSLATION, _STOP, None, 1)
+        # its own filter, of one pixel here, would blur across the ends of the part
+        alike, found = cv2.findTransformECC(part, seen, warp, cv2.MOTION_TRANSLATION, _STOP, everywhere, 1)
     except cv2.error:
         # it moved out of sight
         return np.full(2, np.nan)
