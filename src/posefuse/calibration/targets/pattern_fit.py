@@ -279,15 +279,17 @@ class BoardFit:
         self._pictures = {square_px: np.pad(printed, square_px, constant_values=255)}
 
     def refined(self, grey: Array, corner: Array, xy_img: Array) -> Array:
-        """(n, 2) px of four or more corners (n,) that were read at xy_img (n, 2); NaN where something else is seen there."""
+        """(n, 2) px of four or more corners (n,) that were read at xy_img (n, 2); NaN where something else is seen there.
+
+        Corners in one line tell nothing across it: they stay as they were read.
+        """
         squares = np.stack(np.divmod(corner, self._columns - 1)[::-1], axis=1) + 1.0
         px_from_squares: Array | None = cv2.findHomography(squares, xy_img)[0]
         if px_from_squares is None:
-            return np.full(xy_img.shape, np.nan)
+            return xy_img
         drawn_px, size_px = _laid(px_from_squares, squares)
-        # corners in one line tell nothing across it
         if not _LEAST_PX < size_px.min() <= size_px.max() < max(grey.shape):
-            return np.full(xy_img.shape, np.nan)
+            return xy_img
         most = 2 * size_px.max()
         low = np.maximum(np.floor(xy_img.min(axis=0) - most), 0).astype(int)
         high = np.minimum(np.ceil(xy_img.max(axis=0) + most), grey.shape[::-1]).astype(int)
