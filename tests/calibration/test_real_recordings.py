@@ -81,10 +81,13 @@ def test_it_measures_the_board_better_than_the_reference_rig_does(
 def test_three_of_the_webcams_alone_confirm_the_rig_and_not_the_reference(
     found: Calibration, board_views: CornerObservations, reference: Rig, board: Charuco
 ) -> None:
+    """Refused all the same: corners right to 0.05 px show that stamps, or the lenses given, are not."""
     names = ("cam_0", "cam_2", "cam_3")
     views = joined([board_views.of_camera(name) for name in names])
     ours, theirs = (Rig(tuple(rig[name] for name in names)) for rig in (found.rig, reference))
-    three = calibrate_extrinsics(views, theirs.cameras, board).rig
+    with pytest.raises(RefusedCalibration) as refused:
+        calibrate_extrinsics(views, theirs.cameras, board)
+    three = refused.value.kept.rig
     assert differences(three, ours)[0].max() < 0.004
     assert differences(three, theirs)[0].max() > 0.010
     # measured as the reference was made: every frame at its stamp
