@@ -8,7 +8,7 @@ from built import poses
 from figure import sequence_of
 
 from posefuse.core import SKELETONS
-from posefuse.kinematics.gait import gait_from_poses
+from posefuse.kinematics.gait import _smooth, gait_from_poses
 
 SKELETON = SKELETONS["anatomical23"]
 STRIDE_S, SPEED_M_S, WIDTH_M = 1.1, 1.3, 0.12
@@ -67,6 +67,12 @@ def test_ankles_stand_in_for_feet_and_gaps_are_bridged():
     coarse = tuple(k for k in SKELETON.keypoints if not k.endswith(("heel", "toe")))
     assert gait_from_poses(stepping(keypoints=coarse)).cadence_per_min == pytest.approx(120 / STRIDE_S, rel=0.02)
     assert gait_from_poses(stepping(gap=slice(200, 206))).stride_time_s.mean == pytest.approx(STRIDE_S, abs=0.02)
+
+
+@pytest.mark.parametrize("rate_hz", [10.0, 25.0, 30.0, 60.0, 100.0])
+def test_smoothing_shifts_nothing_in_time(rate_hz):
+    even = np.arange(60.0)
+    np.testing.assert_allclose(_smooth(even, rate_hz), even, atol=1e-9)
 
 
 @pytest.mark.parametrize("gap", [slice(250, 350), slice(180, 240)])
