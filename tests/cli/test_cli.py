@@ -145,6 +145,23 @@ def test_models_can_be_checked_without_a_network(tmp_path: Path, monkeypatch: py
         (["track", "rig.toml", "--out", "x"], "rig.toml: is a file; expected a session folder"),
         (["simulate", "rig.toml", "--out", "x"], "rig.toml: this is another kind of file: expected keys among duration_s, "),
         (["models", "--from", "none"], "none: no such archive, model file or folder"),
+        (
+            [
+                "calibrate",
+                "print",
+                "--target",
+                "chessboard",
+                "--columns",
+                "5",
+                "--rows",
+                "7",
+                "--square-mm",
+                "30",
+                "--out",
+                "a.pdf",
+            ],
+            "posefuse calibrate print: a plain chessboard",
+        ),
     ],
 )
 def test_a_known_error_is_one_line_and_exit_1(argv: list[str], part: str, capsys, tmp_path, monkeypatch) -> None:
