@@ -61,8 +61,8 @@ def _run(invocation: Invocation, requests: StopRequests) -> int:
         from .terminal import in_options
 
         # messages that name what was asked for do not name it twice
-        told = str(error).removeprefix(f"{invocation.name.split()[-1]}: ")
-        print(in_options("\n".join((f"{invocation.name}: {told}", *getattr(error, "__notes__", ())))), file=sys.stderr)
+        reason = str(error).removeprefix(f"{invocation.name.split()[-1]}: ")
+        print(in_options("\n".join((f"{invocation.name}: {reason}", *getattr(error, "__notes__", ())))), file=sys.stderr)
     except OSError as error:
         if not is_disk_full(error):
             raise
