@@ -42,6 +42,21 @@ def undistort(xy_bent: Array, coefficients: Array, model: str) -> Array:
     return _brown_inverse(_on_tilted_sensor(xy_bent, coefficients, inverse=True), _padded(coefficients))
 
 
+def slopes(xy_norm: Array, coefficients: Array, model: str) -> Array:
+    """Derivatives (..., 2, 2) of `distort` at ideal image-plane points (..., 2); NaN where these are."""
+    if len(coefficients) == 0:
+        return np.broadcast_to(np.eye(2), (*xy_norm.shape, 2))
+    if model == "fisheye":
+        return _fisheye_slopes(xy_norm, coefficients)
+    bent, by_ideal = _brown(xy_norm, _padded(coefficients))
+    if len(coefficients) < 14:
+        return by_ideal
+    matrix = tilt_matrix(float(coefficients[12]), float(coefficients[13]))
+    moved = bent @ matrix[:, :2].T + matrix[:, 2]
+    along, depth = moved[..., :2] / moved[..., 2:], moved[..., 2, None, None]
+    return np.asarray((matrix[:2, :2] - along[..., None] * matrix[2, :2]) / depth @ by_ideal)
+
+
 def _padded(coefficients: Array) -> Array:
     return np.concatenate([coefficients, np.zeros(14 - len(coefficients))])
 
@@ -116,10 +131,28 @@ def _fisheye_bent(angle: Array, k: Array) -> Array:
     return np.asarray(angle * (1 + a2 * (k[0] + a2 * (k[1] + a2 * (k[2] + a2 * k[3])))))
 
 
+def _fisheye_slope(angle: Array, k: Array) -> Array:
+    """Derivative of `_fisheye_bent` by the angle."""
+    a2 = angle * angle
+    return np.asarray(1 + a2 * (3 * k[0] + a2 * (5 * k[1] + a2 * (7 * k[2] + a2 * 9 * k[3]))))
+
+
 def _fisheye_distort(xy: Array, k: Array) -> Array:
     radius = np.linalg.norm(xy, axis=-1, keepdims=True)
     bent = _fisheye_bent(np.arctan(radius), k)
     return np.asarray(xy * np.where(radius > 1e-12, bent / np.where(radius > 0, radius, 1.0), 1.0))
+
+
+def _fisheye_slopes(xy: Array, k: Array) -> Array:
+    """As the radius grows, along it by the slope of the polynomial, across it as much as the radius itself."""
+    radius = np.linalg.norm(xy, axis=-1, keepdims=True)[..., None]
+    off_axis = radius > 1e-12
+    safe = np.where(off_axis, radius, 1.0)
+    angle = np.arctan(radius)
+    along = _fisheye_slope(angle, k) / (1 + radius * radius)
+    across = np.where(off_axis, _fisheye_bent(angle, k) / safe, 1.0)
+    outward = xy[..., None] / safe
+    return np.asarray(across * np.eye(2) + (along - across) * outward * np.swapaxes(outward, -1, -2))
 
 
 def _fisheye_undistort(xy_bent: Array, k: Array) -> Array:
@@ -127,8 +160,7 @@ def _fisheye_undistort(xy_bent: Array, k: Array) -> Array:
     angle = np.clip(bent, 0, np.pi / 2)
     with np.errstate(all="ignore"):
         for _ in range(_ITERATIONS):
-            a2 = angle * angle
-            slope = 1 + a2 * (3 * k[0] + a2 * (5 * k[1] + a2 * (7 * k[2] + a2 * 9 * k[3])))
+            slope = _fisheye_slope(angle, k)
             step = (_fisheye_bent(angle, k) - bent) / np.where(slope > 0, slope, np.nan)
             angle = angle - step
             if not (np.abs(step) > _CONVERGED_NORM).any():
