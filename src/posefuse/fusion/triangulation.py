@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from posefuse.core import ConfigError, Kind, Pose3D, Rig, ShapeError, Skeleton, Views
+from posefuse.core import ConfigError, Kind, Pose3D, PoseSequence, Rig, ShapeError, Skeleton, Views, ViewSequence
 from posefuse.core.arrays import Array
 from posefuse.core.depth import keypoint_depth
 from posefuse.core.errors import choices
@@ -336,34 +336,45 @@ def fuse(views: Views, rig: Rig, settings: FuseSettings, previous: Pose3D | None
     Raises:
         ShapeError: cameras that are not the rig's.
     """
+    planes = _planes_of(views, rig, settings, _matched(views, previous))
+    return Pose3D(t_ns=views.t_ns, skeleton=views.skeleton, person_id=views.person_id, **planes)
+
+
+def fuse_over_time(views: ViewSequence, rig: Rig, settings: FuseSettings) -> PoseSequence:
+    """`fuse` of several time steps together, none of which knows the pose before: several times as fast as one by one."""
+    planes = _planes_of(views, rig, settings)
+    return PoseSequence(t_ns=views.t_ns, skeleton=views.skeleton, person_id=views.person_id, **planes)
+
+
+def _planes_of(
+    views: Views | ViewSequence, rig: Rig, settings: FuseSettings, previous_world: Array | None = None
+) -> dict[str, Array]:
+    """The arrays of the poses in views (..., C, K)."""
     if views.camera_names != rig.names:
         raise ShapeError(f"fuse: views come from cameras {choices(views.camera_names)}, the rig has {choices(rig.names)}")
-    xy = np.array(views.xy_img)
-    score = np.nan_to_num(views.score)
-    sigma = stated_sigma(xy, score, views.sigma_px, settings)
+    xy, score, lead = np.array(views.xy_img), np.nan_to_num(views.score), views.score.shape[:-2]
+    planes = [xy, score, stated_sigma(xy, score, views.sigma_px, settings)]
     depth = _depth(views, rig) if settings.weights == "robust" else None
+    xy, score, sigma, *deep = (plane.reshape(-1, *plane.shape[len(lead) :]) for plane in (*planes, depth) if plane is not None)
     solved = solved_by(
         settings.weights, rig, xy, score, sigma, settings,
-        depth=depth, skeleton=views.skeleton, previous_world=_matched(views, previous),
+        depth=deep[0] if deep else None, skeleton=views.skeleton, previous_world=previous_world,
     )  # fmt: skip
-    kind = np.where(solved.n_views > 0, np.uint8(Kind.FUSED), np.uint8(Kind.MISSING))
-    return Pose3D(
-        t_ns=views.t_ns,
-        skeleton=views.skeleton,
-        person_id=views.person_id,
-        xyz_world=solved.xyz,
-        cov_world=solved.cov,
-        reproj_px=solved.reproj,
-        n_views=solved.n_views,
-        kind=kind,
-    )
+    found = {
+        "xyz_world": solved.xyz,
+        "cov_world": solved.cov,
+        "reproj_px": solved.reproj,
+        "n_views": solved.n_views,
+        "kind": np.where(solved.n_views > 0, np.uint8(Kind.FUSED), np.uint8(Kind.MISSING)),
+    }
+    return {name: plane.reshape(*lead, *plane.shape[1:]) for name, plane in found.items()}
 
 
-def _depth(views: Views, rig: Rig) -> Array | None:
-    """(N, C, K, 2) depth of the keypoints and its standard deviation; None where nothing is known of any."""
+def _depth(views: Views | ViewSequence, rig: Rig) -> Array | None:
+    """(..., C, K, 2) depth of the keypoints and its standard deviation; None where nothing is known of any."""
     if views.depth_m is None or not np.isfinite(views.depth_m).all(axis=-1).any():
         return None
-    norm = np.stack([camera.norm_from_px(views.xy_img[:, c]) for c, camera in enumerate(rig)], axis=1)
+    norm = np.stack([camera.norm_from_px(views.xy_img[..., c, :, :]) for c, camera in enumerate(rig)], axis=-3)
     return np.ascontiguousarray(keypoint_depth(views.depth_m, norm, views.skeleton))
 
 
