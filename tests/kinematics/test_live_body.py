@@ -104,26 +104,15 @@ def test_a_length_that_no_person_has_does_not_count(ring_rig, standing) -> None:
     assert body.learnt.body.lengths["left_forearm"].value_m == pytest.approx(1.05 * 0.26, abs=0.005)
 
 
-def test_no_step_where_lengths_are_refined(ring_rig, standing) -> None:
-    """A person who is tracked 4 % taller than when the skeleton was learnt: that comes closer, but no pose jumps."""
-    body, taller = body_with(replace(BodySettings(), contact_sigma_m=0.0)), standing * [1.0, 1.0, 1.04]
+def test_refined_lengths_are_approached_slowly(ring_rig, standing) -> None:
+    body = body_with()
     followed(body, ring_rig, standing, 0.5)
-    corrections, refined = [], []
+    offsets = [body.learnt.body.offset]
     for t_ns in range(500_000_000, 3_000_000_000, PERIOD_NS):
-        learnt = body.learnt.body
-        out = body.step(tracked(t_ns, taller), None)
-        assert out is not None
-        corrections.append(out - taller)
-        refined.append(learnt is not body.learnt.body)
-    # the first steps are those of the taller person, not of the lengths
-    begin, fade_ticks = 20, round(FAST.fade_s * 1e9) // PERIOD_NS
-    steps = np.nanmax(np.linalg.norm(np.diff(corrections, axis=0), axis=-1), axis=1)[begin:]
-    changes = [
-        np.linalg.norm(corrections[i + fade_ticks] - corrections[i - 1], axis=-1) for i in np.flatnonzero(refined) if i > begin
-    ]
-    assert len(changes) == 2 and np.nanmax(changes) > 0.004
-    # the steepest of a fade
-    assert steps.max() < 1.5 * np.nanmax(changes) / fade_ticks + 0.001
+        body.step(tracked(t_ns, standing * [1.0, 1.0, 1.04]), None)
+        offsets.append(body.learnt.body.offset)
+    changes = np.linalg.norm(np.diff(offsets, axis=0), axis=-1)
+    assert 0 < changes.max() <= FAST.length_rate_m_s * 0.01 + 1e-12
 
 
 def test_a_fit_far_from_robust_fusion_is_dropped_and_begins_again_there(ring_rig, standing) -> None:

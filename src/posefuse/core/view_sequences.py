@@ -78,7 +78,7 @@ class PartsOfViews(Protocol):
         """(T,) session clock."""
         ...
 
-    def part(self, steps: slice | Array) -> ViewSequence:
+    def part(self, steps: slice) -> ViewSequence:
         """These time steps only."""
         ...
 

@@ -81,6 +81,7 @@ class LiveBodyRules:
             many. learn_most_s: lengths are final after so long.
         sample_every_s: poses for it are so far apart at least. sure_m: keypoints with a larger standard deviation do not count.
         length_sigma_m: standard deviation of a segment's length in tracked poses; how far the prior counts.
+        length_rate_m_s: refined lengths are approached this slowly, so that no pose jumps.
         fit_every_s: the pose is fitted to rays this often.
         tracked_share: how much a tracked keypoint counts in that fit, as a share of its stated information: it is made of the
             same rays, and of those before.
@@ -89,8 +90,7 @@ class LiveBodyRules:
             is dropped.
         worse_by, worse_fits: so is one whose rays are off by so much more than those of the tracked keypoints (mean squared
             distance in standard deviations) in so many fits running.
-        fade_s: after a fit began or was dropped, the pose passes so long from the tracked to the fitted one, or back; and to one
-            of refined lengths.
+        fade_s: after a fit began or was dropped, the pose passes so long from the tracked to the fitted one, or back.
     """
 
     learn_s: float = 1.0
@@ -98,6 +98,7 @@ class LiveBodyRules:
     sample_every_s: float = 0.05
     sure_m: float = 0.05
     length_sigma_m: float = 0.01
+    length_rate_m_s: float = 0.005
     fit_every_s: float = 0.03
     tracked_share: float = 0.1
     new_share: float = 0.5

@@ -2,13 +2,13 @@
 
 Every few output ticks the pose is fitted to rays. Between two such fits it follows the tracked keypoints, each moved by what the
 fits found it off by. It is always a pose of the skeleton, so its segments keep their lengths. Only where a fit begins or is
-dropped, or the lengths are refined, the output passes from one pose to the other over a short time, in which they do not.
+dropped, the output passes from one pose to the other over a short time, in which they do not.
 """
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -33,24 +33,29 @@ class LearntBody:
     """One person's skeleton, learnt from tracked keypoints at joint centres.
 
     Attributes:
-        body: as it is now; None until enough was seen.
+        body: as it is now; None until enough was seen. Its lengths change by no more than `length_rate_m_s`.
     """
 
     def __init__(
         self, skeleton: Skeleton, settings: BodySettings, live: LiveBodyRules, prior: LengthPrior, work: FrameBuffers
     ) -> None:
         self.body: BodyModel | None = None
+        self._way: _Way | None = None
         self._skeleton, self._settings, self._live, self._prior, self._work = skeleton, settings, live, prior, work
         self._every_ns = round(live.sample_every_s * 1e9)
         self._samples: list[tuple[int, Array, Array, Array]] = []
         self._seen_s, self._due_s = 0.0, live.learn_s
+        self._t_ns = 0
 
     def step(self, t_ns: int, xyz: Array, cov: Array, measured: Array) -> bool:
         """Take the next pose (K, ...) in; whether the skeleton changed."""
-        before = self.body
+        elapsed_s, self._t_ns = (t_ns - self._t_ns) * 1e-9, t_ns
         if self._due_s <= self._live.learn_most_s and self._sampled(t_ns, xyz, cov, measured) and self._seen_s >= self._due_s:
             self._due_s *= 2
             self._learn()
+        before = self.body
+        if self._way is not None and before is not self._way.end:
+            self.body = self._way.after(self._live.length_rate_m_s * elapsed_s)
         return self.body is not before
 
     def _sampled(self, t_ns: int, xyz: Array, cov: Array, measured: Array) -> bool:
@@ -71,7 +76,31 @@ class LearntBody:
         _, xyz, cov, frames = (np.array(column) for column in zip(*self._samples, strict=True))
         body = body_from_frames(self._skeleton, xyz, cov, frames, self._settings.symmetric)
         if body is not None:
-            self.body = with_expected_lengths(body, self._prior, self._live.length_sigma_m)
+            self._way = _Way(self.body, with_expected_lengths(body, self._prior, self._live.length_sigma_m))
+
+
+class _Way:
+    """From one skeleton to another in small steps; at once to one of another tree, or where there is none yet.
+
+    Attributes:
+        end: where it leads.
+    """
+
+    def __init__(self, start: BodyModel | None, end: BodyModel) -> None:
+        self.end = end
+        self._whole_m = self._left_m = 0.0
+        if start is not None and start.same_tree(end):
+            self._offset, self._local = end.offset - start.offset, end.keypoint_local - start.keypoint_local
+            self._whole_m = max(float(np.linalg.norm(change, axis=1).max()) for change in (self._offset, self._local))
+            self._left_m = self._whole_m
+
+    def after(self, step_m: float) -> BodyModel:
+        """The next skeleton on the way: no joint and keypoint moves farther than that in its segment."""
+        self._left_m -= step_m
+        if self._left_m <= 0.0:
+            return self.end
+        share, end = self._left_m / self._whole_m, self.end
+        return replace(end, offset=end.offset - share * self._offset, keypoint_local=end.keypoint_local - share * self._local)
 
 
 # From one source of a pose to another without a step: for a while it lies between both.
@@ -81,20 +110,20 @@ class Fade:
     """Corrections of one person's tracked keypoints (K, 3), in metres, in the order of times."""
 
     def __init__(self, count: int, duration_s: float) -> None:
-        self._last, self._off = np.zeros((2, count, 3))
+        self._last, self._left = np.zeros((2, count, 3))
         self._duration_ns, self._changed_ns = duration_s * 1e9, 0
 
     def step(self, t_ns: int, wanted: Array, changed: bool) -> Array:
-        """The correction at this time: the wanted one, and less and less of what it was off by when the source changed.
+        """The correction at this time, between the wanted one and the last of the source before it.
 
         When the source has just `changed` it is the same as at the last time step.
         """
         if changed:
-            self._off, self._changed_ns = self._last - wanted, t_ns
+            self._left, self._changed_ns = self._last, t_ns
         passed = min((t_ns - self._changed_ns) / self._duration_ns, 1.0)
         # velocity does not step, either
         share = passed * passed * (3.0 - 2.0 * passed)
-        self._last = wanted + (1.0 - share) * self._off
+        self._last = self._left + share * (wanted - self._left)
         return self._last
 
     def over(self, t_ns: int) -> bool:
@@ -200,8 +229,7 @@ class LiveBody:
     def step(self, tracked: TrackedPoints, rays: LiveRays | None) -> Array | None:
         """(K, 3) keypoints, NaN where they are not tracked; None where the tracked ones are to come out as they are.
 
-        Of the skeleton, and as tracked those that it does not carry; for a while after a fit began or was dropped, or lengths
-        were refined, between both.
+        Of the skeleton, and as tracked those that it does not carry; for a while after a fit began or was dropped, between both.
         """
         changed = self.learnt.step(tracked.t_ns, tracked.xyz, tracked.cov, tracked.measured)
         body, before = self.learnt.body, self._fit
@@ -219,8 +247,7 @@ class LiveBody:
         elif self._fit is not None:
             self._fit.follow(tracked)
         wanted = np.zeros_like(tracked.xyz) if self._fit is None else self._fit.correction(tracked.xyz)
-        replaced = self._fit is not before or (changed and before is not None)
-        correction = self._fade.step(tracked.t_ns, wanted, replaced)
+        correction = self._fade.step(tracked.t_ns, wanted, self._fit is not before)
         return None if self._fit is None and self._fade.over(tracked.t_ns) else tracked.xyz + correction
 
     def _fit_rays(self, body: BodyModel, tracked: TrackedPoints, rays: LiveRays) -> None:
