@@ -164,9 +164,10 @@ class Person:
         """Work a view in at its own time, see `Optics.rays`; its figures, or None when it is older than memory."""
         if t_ns < self._moments[0].t_ns:
             return None
-        camera, state = rays.camera, self._moments[0].state
+        camera = rays.camera
         place = bisect_right(self._moments, (t_ns, camera), key=lambda m: (m.t_ns, m.camera))
-        self._moments.insert(place, _Moment(t_ns=t_ns, camera=camera, state=state, rays=rays, depth_m=depth_m))
+        before = self._moments[place - 1].state
+        self._moments.insert(place, _Moment(t_ns=t_ns, camera=camera, state=before, rays=rays, depth_m=depth_m))
         figures = newest = self._redone(place)
         for later in range(place + 1, len(self._moments)):
             newest = self._redone(later)
