@@ -12,7 +12,7 @@ from posefuse.tracking.online import LiveMotion, LiveSettings, Model, MotionMode
 from posefuse.tracking.online.kernels.body import start_missing
 from posefuse.tracking.online.kernels.own_motion import HORIZON_S, Prediction, Regression, correct
 from posefuse.tracking.online.kernels.rays import depth_row, exchange_person
-from posefuse.tracking.online.kernels.state import NEVER, KeypointRays, PersonState, unborn
+from posefuse.tracking.online.kernels.state import NEVER, KeypointRays, TrackState, unborn
 from posefuse.tracking.online.kernels.updates import doubt, update
 from posefuse.tracking.online.own_motion import OwnMotion
 from posefuse.tracking.online.person import named_rays
@@ -47,7 +47,7 @@ def test_a_missing_keypoint_starts_at_the_mean_of_its_neighbours_and_moves_with_
 def test_exchanged_twice_a_person_is_as_before_and_once_every_part_is_on_the_other_side(ring_rig) -> None:
     session = Model(ring_rig(2), ANATOMICAL23, LiveSettings()).arrays
     rng = np.random.default_rng(1)
-    person = PersonState(*(rng.normal(size=plane.shape) for plane in unborn(session)))
+    person = TrackState(*(rng.normal(size=plane.shape) for plane in unborn(session)))
     before = person.copy()
     arms = np.flatnonzero(session.group == 0)
     exchange_person(person, session, 0)

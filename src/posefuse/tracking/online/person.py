@@ -14,7 +14,7 @@ from posefuse.tracking.settings import MOTION, LiveMotion, LiveSettings
 
 from .kernels.pose import PoseRow, pose, where
 from .kernels.rays import exchange_groups
-from .kernels.state import GROUPS, KeypointRays, PersonState, Rules, SessionArrays, born, unborn
+from .kernels.state import GROUPS, KeypointRays, Rules, SessionArrays, TrackState, born, unborn
 from .kernels.step import ViewFigures, step
 from .kernels.updates import begin_again
 from .own_motion import OwnMotion
@@ -115,7 +115,7 @@ class _Moment:
 
     t_ns: int
     camera: int
-    state: PersonState
+    state: TrackState
     rays: KeypointRays | None = None
     depth_m: Array | None = None
 

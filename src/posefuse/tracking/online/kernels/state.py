@@ -62,7 +62,7 @@ NEVER = -1e9
 _BODY_BORN_M = 0.05  # the newborn body's middle
 
 
-class PersonState(NamedTuple):
+class TrackState(NamedTuple):
     """What is known of one person: K keypoints, M motion models, C cameras, B bones.
 
     x (K + 1, M, 9), cov (K + 1, M, 9, 9) and share (K + 1, M) of each model: the body as a whole in the last row, the keypoints
@@ -84,16 +84,16 @@ class PersonState(NamedTuple):
     bones: Array
     time: Array
 
-    def copy(self) -> PersonState:
+    def copy(self) -> TrackState:
         """The same in arrays of its own."""
-        return PersonState(*(plane.copy() for plane in self))
+        return TrackState(*(plane.copy() for plane in self))
 
 
-def unborn(session: SessionArrays) -> PersonState:
+def unborn(session: SessionArrays) -> TrackState:
     """A state at time 0 of which nothing is known."""
     k, m, c = len(session.mirror), session.models.shape[1], len(session.cameras)
     square, precision, deepness = np.zeros((3, k, c))
-    return PersonState(
+    return TrackState(
         x=np.zeros((k + 1, m, 9)),
         cov=np.zeros((k + 1, m, 9, 9)),
         share=np.zeros((k + 1, m)),
