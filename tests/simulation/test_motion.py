@@ -30,8 +30,12 @@ def person(body: SimulatedBody, seed: int = 7, **content: object) -> MovingPerso
     return build_person(body, settings_from_mapping(needed | content, MotionSettings, "scene.yaml"), seed)
 
 
+def _walk(path: dict, speed_mps: float = 1.0) -> dict:
+    return {"kind": "walk", "path": path, "speed_mps": speed_mps}
+
+
 def walk(body: SimulatedBody, path: dict, speed_mps: float, times: np.ndarray) -> PersonState:
-    return person(body, 3, kind="walk", path=path, speed_mps=speed_mps).at(times)
+    return person(body, 3, **_walk(path, speed_mps)).at(times)
 
 
 def point(state: PersonState, name: str) -> np.ndarray:
@@ -191,15 +195,20 @@ def test_random_way_stays_in_its_area(body: SimulatedBody) -> None:
 
 
 @pytest.mark.parametrize(
-    ("path", "speed", "text"),
+    ("motion", "text"),
     [
-        ({"shape": "line", "start_m": (0, 0), "end_m": (0.5, 0)}, 1.0, "end_m: expected at least 1.0 m from start_m, got 0.50 m"),
-        ({"shape": "circle", "radius_m": 0.5}, 2.0, r"speed_mps: expected at most 1.12 m/s on a circle .* got 2.0"),
-        ({"shape": "random", "low_m": (0, 0), "high_m": (1, 5)}, 1.0, "high_m: expected at least 2 m beyond low_m"),
+        (
+            _walk({"shape": "line", "start_m": (0, 0), "end_m": (0.5, 0)}),
+            "end_m: expected at least 1.0 m from start_m, got 0.50 m",
+        ),
+        (_walk({"shape": "circle", "radius_m": 0.5}, 2.0), r"speed_mps: expected at most 1.12 m/s on a circle .* got 2.0"),
+        (_walk({"shape": "random", "low_m": (0, 0), "high_m": (1, 5)}), "high_m: expected at least 2 m beyond low_m"),
+        ({"kind": "hand_path", "path": [[0, 0.9, 0.0, 1.0]]}, "right wrist does not reach"),
+        ({"kind": "hand_path", "path": [PATH[1], PATH[0]]}, "times that increase"),
     ],
-)  # fmt: skip
-def test_paths_that_cannot_be_walked(body: SimulatedBody, path: dict, speed: float, text: str) -> None:
-    refusal(ConfigError, text, walk, body, path, speed, np.zeros(1))
+)
+def test_motions_that_no_person_can_make_are_refused(body: SimulatedBody, motion: dict, text: str) -> None:
+    refusal(ConfigError, text, person, body, **motion)
 
 
 def test_short_legs_cannot_walk_as_fast() -> None:
@@ -381,13 +390,6 @@ def test_a_hand_follows_its_path_wherever_the_person_stands(body: SimulatedBody,
     assert np.abs(point(there, f"{side}_wrist") - (wrist[:, [1, 0, 2]] * [-1, 1, 1] + [2.0, -1.0, 0.0])).max() < 2e-3
     elbow = point(here, f"{side}_elbow")
     assert (elbow[:, 2] < point(here, f"{side}_shoulder")[:, 2]).all()
-
-
-@pytest.mark.parametrize(
-    ("path", "text"), [([[0, 0.9, 0.0, 1.0]], "right wrist does not reach"), ([PATH[1], PATH[0]], "times that increase")]
-)
-def test_a_path_no_hand_can_follow_is_refused(body: SimulatedBody, path: list, text: str) -> None:
-    refusal(ConfigError, text, person, body, kind="hand_path", path=path)
 
 
 def test_segments_and_angles_belong_together(body: SimulatedBody) -> None:
