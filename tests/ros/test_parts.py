@@ -259,22 +259,6 @@ def test_standing_is_the_zero_pose(standing):
     np.testing.assert_allclose(link(bodies, "l_elbow").xyz, [0, 0.2, 1.1])
 
 
-def test_signs_of_the_reference_urdf(standing):
-    # left forearm forward, right arm to the side, left knee back, looking to the left
-    bodies = bodies_from_pose(
-        standing(
-            left_wrist=(0.25, 0.2, 1.1),
-            right_elbow=(0, -0.5, 1.4), right_wrist=(0, -0.75, 1.4),
-            left_ankle=(-0.4, 0.1, 0.5),
-            nose=(0.1 * np.cos(0.5), 0.1 * np.sin(0.5), 1.6),
-            left_ear=(-0.08 * np.sin(0.5), 0.08 * np.cos(0.5), 1.6), right_ear=(0.08 * np.sin(0.5), -0.08 * np.cos(0.5), 1.6),
-        )
-    )  # fmt: skip
-    expected = {"l_elbow": np.pi / 2, "r_p_shoulder": np.pi / 2, "l_knee": -np.pi / 2, "y_head": 0.5, "r_elbow": 0}
-    for name, value in expected.items():
-        assert joint(bodies, name) == pytest.approx(value, abs=1e-6), name
-
-
 def anywhere(some_pose, seed):
     """Three people whose keypoints are all seen, anywhere."""
     pose = some_pose(people=3, seed=seed)
