@@ -216,14 +216,6 @@ def _shots(seed=3, index=1, rate_hz=25.0, start_s=2.0, duration_s=40.0, **sensor
     return shots_of(made, index, made.cameras.cameras[0])
 
 
-def test_a_perfect_camera_keeps_the_nominal_times():
-    shots = _shots()
-    expected = np.round((2.0 + np.arange(1000) / 25.0) * 1e9)
-    np.testing.assert_array_equal(shots.t_ns, expected)
-    np.testing.assert_array_equal(shots.stamp_ns, expected)
-    np.testing.assert_array_equal(shots.seq, np.arange(1000))
-
-
 def test_offset_and_drift_are_a_line_through_true_and_stamped_times():
     shots = _shots(offset_s=-0.7, drift_ppm=150.0, jitter_s=0.002, drop_fraction=0.1)
     slope, offset = np.polyfit(shots.t_ns / 1e9, shots.stamp_ns / 1e9, 1)
