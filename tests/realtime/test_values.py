@@ -311,16 +311,6 @@ def test_only_the_newest_frame_waits(ring_rig) -> None:
     assert (state.captured, state.used, state.replaced) == (3, 1, 2)
 
 
-def test_what_the_rig_watch_finds_is_reported_unless_something_worse_is_wrong() -> None:
-    monitor = Monitor(("a", "b", "c"))
-    run_frames(monitor, {"a": (0, 0), "b": (0, 0), "c": (0, 0)}, 100 * S, 1)
-    ill = {"a": CameraHealth("moved", "a looks next to"), "b": CameraHealth("moved")}
-    verdicts = monitor.judge(101 * S, {"b": CameraHealth("dead", "process 1 ended")}, ill)
-    assert [verdicts[name].state for name in "abc"] == ["moved", "dead", "ok"]
-    assert monitor.judge(101 * S, {}, {})["a"].state == "ok"
-    assert [(event.name, event.state) for event in monitor.events if event.name == "a"][-2:] == [("a", "moved"), ("a", "ok")]
-
-
 def test_a_video_begins_again_at_every_turn(ring_rig, demo_session) -> None:
     [entry] = inputs_from_arguments([f"cam00=video:{demo_session / 'videos' / 'cam00.mp4'}"], ring_rig(2))
     capture = Capture(replace(entry, loop_s=0.3), ring_rig(2)["cam00"], threading.Condition())
