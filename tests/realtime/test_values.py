@@ -353,6 +353,10 @@ def test_a_video_begins_again_at_every_turn(ring_rig, demo_session) -> None:
         (("--record", "earlier/a.2.mcap"), "by its name it is a later part of a.mcap"),
         (("--record", "earlier/b.mcap"), "by its name, b.3.mcap is a later part of it"),
         (("--source", "cam00=video:"), "expected where it is after video:"),
+        (
+            ("--source", "cam00=usb:0", "--source", "cam01=usb:1", "--loop", "4"),
+            "--loop 4: no source is a video or a simulated session",
+        ),
         ((), "expected sources for at least 2 cameras, got 0"),
     ],
 )
@@ -371,12 +375,6 @@ def test_options_that_cannot_be_are_one_line_before_anything_starts(
     assert out == "" and words in err
     assert err.count("\n") == 1 and "Traceback" not in err
     assert sorted(tmp_path.rglob("*")) == sorted(kept)
-
-
-def test_cameras_cannot_be_shown_again(capsys, demo_session) -> None:
-    sources = [word for camera in (0, 1) for word in ("--source", f"cam{camera:02d}=usb:{camera}")]
-    assert cli.main(["live", str(demo_session / "rig.toml"), *sources, "--loop", "4"]) == 1
-    assert "--loop 4: no source is a video or a simulated session" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize("people", [False, True])

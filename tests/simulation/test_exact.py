@@ -135,13 +135,6 @@ def test_clutter_keeps_its_distance_and_its_seed():
     assert not np.array_equal(boxes[3].half_m, boxes_of((clutter,), 5)[3].half_m)
 
 
-def test_clutter_that_does_not_fit_is_refused():
-    from posefuse.core import ConfigError
-
-    with pytest.raises(ConfigError, match=r"only 0 of 6 boxes fit.*make the area larger"):
-        boxes_of((ClutterOccluder(kind="clutter", area_m=(1.0, 1.0), keep_clear_m=3.0),), 0)
-
-
 def test_a_person_in_front_hides_and_no_person_hides_the_side_that_is_seen():
     people = np.stack([standing(x, skeleton=ANATOMICAL23) for x in (0.0, 1.5)])[None]
     flesh = np.tile(FLESH_M, 2)

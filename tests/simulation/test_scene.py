@@ -103,6 +103,18 @@ def _cube(**settings: object) -> dict:
     return {"props": [{"kind": "aruco_cube", **settings}]}
 
 
+def _of_one(person: dict, **body: float) -> dict:
+    return {"people": [{**person, "body": body}]}
+
+
+def _walk(speed_mps: float = 1.0, **path: object) -> dict:
+    return {"motion": {"kind": "walk", "path": path, "speed_mps": speed_mps}}
+
+
+def _reaching(path: list) -> dict:
+    return {"motion": {"kind": "hand_path", "path": path}}
+
+
 def _around(**ring: object) -> dict:
     return {"cameras": {"kind": "ring", **ring}}
 
@@ -110,6 +122,7 @@ def _around(**ring: object) -> dict:
 _MAN = {"motion": {"kind": "tpose"}}
 _FAR = {"motion": {"kind": "walk", "path": {"shape": "circle", "radius_m": 6.0}}}
 _BOX = {"kind": "box", "position_m": [2.0, 0.0, 1.0], "size_m": [0.6, 0.6, 0.6]}
+_CLUTTER = {"kind": "clutter", "keep_clear_m": 3.0}
 _SMALL = {"size_m": [3.0, 8.0]}
 
 
@@ -135,6 +148,17 @@ _SMALL = {"size_m": [3.0, 8.0]}
         (_timed(offset_s=-3.0), r"camera eye: its clock starts at -1.000 s.*set start_s to at least 3.000"),
         (_timed(phase_s=50.0), "camera eye: no frame is left.*make duration_s longer"),
         (_timed(stamp_noise_s=0.1), "camera eye: stamp_noise_s 0.1 puts frames out of order"),
+        ({"occluders": [{**_CLUTTER, "area_m": [1.0, 1.0]}]}, r"only 0 of 6 boxes fit.*make the area larger"),
+        (_of_one(_MAN, height_m=1.7, weight_kg=190), r"weight_kg: expected \d+\.\d+ to \d+\.\d+ kg .* got 190\.00 kg"),
+        (_of_one(_walk(shape="line", start_m=[0, 0], end_m=[0.5, 0])), "end_m: expected at least 1.0 m from start_m, got 0.50 m"),
+        (_of_one(_walk(2.0, shape="circle", radius_m=0.5)), r"speed_mps: expected at most 1.12 m/s on a circle .* got 2.0"),
+        (_of_one(_walk(shape="random", low_m=[0, 0], high_m=[1, 5])), "high_m: expected at least 2 m beyond low_m"),
+        (
+            _of_one(_walk(2.0, shape="line", start_m=[0, 0], end_m=[5, 0]), age_years=7, height_m=1.2),
+            r"speed_mps: expected at most 1\.\d\d m/s for a hip height of 0\.\d\d m \(faster is running",
+        ),
+        (_of_one(_reaching([[0, 0.9, 0.0, 1.0]])), "right wrist does not reach"),
+        (_of_one(_reaching([[1.5, 0.4, -0.1, 1.2], [0.5, 0.35, -0.25, 1.05]])), "times that increase"),
     ],
 )
 def test_a_scene_that_cannot_be_is_refused(content, message):
