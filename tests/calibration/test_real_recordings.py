@@ -5,6 +5,7 @@ from dataclasses import replace
 from itertools import islice
 from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
 from calibrating import differences
@@ -34,12 +35,30 @@ def found(board_views: CornerObservations, reference: Rig, board: Charuco) -> Ca
     return calibrate_extrinsics(board_views, reference.cameras, board)
 
 
-def test_two_webcams_and_a_real_board(shared_data: Path, reference: Rig, board: Charuco) -> None:
-    """The short one: two cameras, the first 30 of 57 frames."""
+@pytest.fixture(scope="module")
+def two_views(shared_data: Path, board: Charuco) -> CornerObservations:
+    """The board in the first 30 of 57 frames of two cameras."""
     folder, detector = shared_data / "caliscope" / "post_optimization" / "calibration" / "extrinsic", TargetDetector(board)
     sources = [VideoConfig(folder / f"{name}.mp4", name).build() for name in ("cam_0", "cam_2")]
-    views = joined([corners_from_frames(s.camera, s.size_wh, islice(s.frames(), 30), detector) for s in sources])
-    lenses = (reference["cam_0"], reference["cam_2"])
+    return joined([corners_from_frames(s.camera, s.size_wh, islice(s.frames(), 30), detector) for s in sources])
+
+
+@pytest.mark.parametrize("camera", ["cam_0", "cam_2"])
+def test_corners_of_a_real_board_lie_in_a_plane(
+    camera: str, two_views: CornerObservations, reference: Rig, board: Charuco
+) -> None:
+    """OpenCV's corners are 0.13 and 0.14 px off it, over all 57 frames; these 0.05 and 0.04."""
+    seen, off_px = two_views.of_camera(camera), []
+    for t_ns in np.unique(seen.t_ns):
+        view = seen.t_ns == t_ns
+        ideal, flat = reference[camera].norm_from_px(seen.xy_img[view]), board.corners(0)[seen.corner[view], :2]
+        put = cv2.perspectiveTransform(flat[None], cv2.findHomography(flat, ideal)[0])[0]
+        off_px.append(float(np.sqrt(((put - ideal) ** 2).sum() / (ideal.size - 8))) * reference[camera].K[0, 0])
+    assert len(off_px) >= 20 and np.median(off_px) < 0.07
+
+
+def test_two_webcams_and_a_real_board(two_views: CornerObservations, reference: Rig, board: Charuco) -> None:
+    views, lenses = two_views, (reference["cam_0"], reference["cam_2"])
     found = calibrate_extrinsics(views, lenses, board, Options(clocks="offset", time_steps=30))
     assert verify(found.rig, views, board, found.clocks.offset_s).report.numbers["length_rms_mm"] <= 1.2
 
@@ -62,10 +81,13 @@ def test_it_measures_the_board_better_than_the_reference_rig_does(
 def test_three_of_the_webcams_alone_confirm_the_rig_and_not_the_reference(
     found: Calibration, board_views: CornerObservations, reference: Rig, board: Charuco
 ) -> None:
+    """Refused all the same: corners right to 0.05 px show that stamps, or the lenses given, are not."""
     names = ("cam_0", "cam_2", "cam_3")
     views = joined([board_views.of_camera(name) for name in names])
     ours, theirs = (Rig(tuple(rig[name] for name in names)) for rig in (found.rig, reference))
-    three = calibrate_extrinsics(views, theirs.cameras, board).rig
+    with pytest.raises(RefusedCalibration) as refused:
+        calibrate_extrinsics(views, theirs.cameras, board)
+    three = refused.value.kept.rig
     assert differences(three, ours)[0].max() < 0.004
     assert differences(three, theirs)[0].max() > 0.010
     # measured as the reference was made: every frame at its stamp

@@ -1,10 +1,12 @@
-"""Corners of drawn markers: blurred, noisy, with a camera's tone curve, or not there at all."""
+"""Corners of drawn markers and boards: blurred, noisy, with a camera's tone curve, or not there at all."""
 
 import cv2
 import numpy as np
 import pytest
 
-from posefuse.calibration.targets.marker_fit import fit_marker
+from posefuse.calibration.targets.detection import TargetDetector
+from posefuse.calibration.targets.kinds import Charuco
+from posefuse.calibration.targets.pattern_fit import fit_marker
 
 DICTIONARY = cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_4X4_50)
 BLACK = (DICTIONARY.generateImageMarker(3, 6) < 128).astype(float)
@@ -77,3 +79,48 @@ def test_what_is_not_that_marker_is_left_out() -> None:
     assert fit_marker(grey, quad, np.rot90(BLACK)) is None
     assert fit_marker(np.full_like(grey, 90), quad, BLACK) is None
     assert fit_marker(grey, quad + 500.0, BLACK) is None
+
+
+BOARD = Charuco(columns=6, rows=8, square_m=0.06, marker_m=0.045)
+
+
+def drawn_board(square_px: float, tilt_deg: float, blur_px: float = 0.7, finer: int = 4) -> tuple[np.ndarray, np.ndarray]:
+    """Grey image of the board on a dark wall, tilted about its diagonal, and where all of its corners are."""
+    picture = cv2.copyMakeBorder(BOARD.board().generateImage((576, 768)), *[60] * 4, cv2.BORDER_CONSTANT, value=255)
+    turn = cv2.Rodrigues(np.deg2rad(tilt_deg) * np.array([0.6, 0.8, 0.0]))[0]
+    far = 900 / square_px
+    camera = np.array([[900.0, 0, 320.2], [0, 900.0, 239.6], [0, 0, 1]])
+    px_from_squares = camera @ np.column_stack([turn[:, 0], turn[:, 1], [0, 0, far] - turn @ [3, 4, 0]])
+    squares_from_picture = np.array([[1, 0, 0.5 - 60], [0, 1, 0.5 - 60], [0, 0, 96]]) / 96
+    fine = np.array([[finer, 0, (finer - 1) / 2], [0, finer, (finer - 1) / 2], [0, 0, 1]])
+    size, dark = (640 * finer, 480 * finer), np.full((480 * finer, 640 * finer), 110, np.uint8)
+    large = cv2.warpPerspective(
+        picture, fine @ px_from_squares @ squares_from_picture, size, dark, borderMode=cv2.BORDER_TRANSPARENT
+    )
+    grey = cv2.GaussianBlur(cv2.resize(large, (640, 480), interpolation=cv2.INTER_AREA).astype(float), (0, 0), blur_px)
+    grey += np.random.default_rng(0).normal(0, 2, grey.shape)
+    corners = BOARD.corners(0)[:, :2] / BOARD.square_m
+    seen = np.column_stack([corners[:, 0], BOARD.rows - corners[:, 1], np.ones(len(corners))]) @ px_from_squares.T
+    return np.clip(np.rint(grey), 0, 255).astype(np.uint8), seen[:, :2] / seen[:, 2:]
+
+
+@pytest.mark.parametrize(("square_px", "tilt_deg", "blur_px"), [(20, 20, 0.7), (30, 50, 0.7), (30, 20, 1.2), (40, 60, 0.5)])
+def test_corners_of_small_and_oblique_squares_are_right_to_hundredths_of_a_pixel(square_px, tilt_deg, blur_px):
+    grey, true = drawn_board(square_px, tilt_deg, blur_px)
+    read, ids, _, _ = cv2.aruco.CharucoDetector(BOARD.board()).detectBoard(grey)
+    off_opencv = np.linalg.norm(read.reshape(-1, 2) - true[ids.ravel()], axis=1)
+    found = TargetDetector(BOARD).detect(grey)
+    off = np.linalg.norm(found.xy_img - true[found.corner], axis=1)
+    assert len(off) >= 0.9 * len(off_opencv) >= 18
+    assert np.sqrt((off**2).mean()) < min(0.04, 0.5 * np.sqrt((off_opencv**2).mean()))
+
+
+def test_corners_behind_a_hand_are_left_out():
+    grey, true = drawn_board(30, 20)
+    covered = np.array(grey)
+    hand = cv2.GaussianBlur(np.random.default_rng(1).integers(0, 255, (480, 640)).astype(np.uint8), (0, 0), 9)
+    left = int(true[:, 0].mean())
+    covered[:, left:] = hand[:, left:]
+    found = TargetDetector(BOARD).detect(covered)
+    assert len(found.corner) and (true[found.corner, 0] < left).all()
+    assert np.linalg.norm(found.xy_img - true[found.corner], axis=1).max() < 0.1
