@@ -84,35 +84,48 @@ def test_what_is_not_that_marker_is_left_out() -> None:
 BOARD = Charuco(columns=6, rows=8, square_m=0.06, marker_m=0.045)
 
 
-def drawn_board(square_px: float, tilt_deg: float, blur_px: float = 0.7, finer: int = 4) -> tuple[np.ndarray, np.ndarray]:
-    """Grey image of the board on a dark wall, tilted about its diagonal, and where all of its corners are."""
+def drawn_board(square_px: float, tilt_deg: float, blur_px: float = 0.7, bend: float = 0.0) -> tuple[np.ndarray, np.ndarray]:
+    """Grey image of the board on a dark wall, tilted about its diagonal, and where all of its corners are.
+
+    What the lens shows in a corner of the image lies `bend` of its distance from the middle further out.
+    """
+    finer, size, middle = 4, np.array([640, 480]), np.array([319.5, 239.5])
     picture = cv2.copyMakeBorder(BOARD.board().generateImage((576, 768)), *[60] * 4, cv2.BORDER_CONSTANT, value=255)
     turn = cv2.Rodrigues(np.deg2rad(tilt_deg) * np.array([0.6, 0.8, 0.0]))[0]
-    far = 900 / square_px
     camera = np.array([[900.0, 0, 320.2], [0, 900.0, 239.6], [0, 0, 1]])
-    px_from_squares = camera @ np.column_stack([turn[:, 0], turn[:, 1], [0, 0, far] - turn @ [3, 4, 0]])
-    squares_from_picture = np.array([[1, 0, 0.5 - 60], [0, 1, 0.5 - 60], [0, 0, 96]]) / 96
-    fine = np.array([[finer, 0, (finer - 1) / 2], [0, finer, (finer - 1) / 2], [0, 0, 1]])
-    size, dark = (640 * finer, 480 * finer), np.full((480 * finer, 640 * finer), 110, np.uint8)
-    large = cv2.warpPerspective(
-        picture, fine @ px_from_squares @ squares_from_picture, size, dark, borderMode=cv2.BORDER_TRANSPARENT
-    )
-    grey = cv2.GaussianBlur(cv2.resize(large, (640, 480), interpolation=cv2.INTER_AREA).astype(float), (0, 0), blur_px)
+    px_from_squares = camera @ np.column_stack([turn[:, 0], turn[:, 1], [0, 0, 900 / square_px] - turn @ [3, 4, 0]])
+    picture_from_squares = np.array([[96, 0, 59.5], [0, 96, 59.5], [0, 0, 1]])
+
+    def straight(px: np.ndarray) -> np.ndarray:
+        return middle + (px - middle) * (1 + bend * ((px - middle) ** 2).sum(axis=-1, keepdims=True) / (middle @ middle))
+
+    columns, rows = np.meshgrid(*((np.arange(finer * one) - (finer - 1) / 2) / finer for one in size))
+    picture_from_px = (picture_from_squares @ np.linalg.inv(px_from_squares)).astype(np.float32)
+    places = cv2.perspectiveTransform(straight(np.stack([columns, rows], axis=-1)).astype(np.float32), picture_from_px)
+    large = cv2.remap(picture, places, None, cv2.INTER_LINEAR, borderMode=cv2.BORDER_CONSTANT, borderValue=110)
+    grey = cv2.GaussianBlur(cv2.resize(large, size.tolist(), interpolation=cv2.INTER_AREA).astype(float), (0, 0), blur_px)
     grey += np.random.default_rng(0).normal(0, 2, grey.shape)
     corners = BOARD.corners(0)[:, :2] / BOARD.square_m
-    seen = np.column_stack([corners[:, 0], BOARD.rows - corners[:, 1], np.ones(len(corners))]) @ px_from_squares.T
-    return np.clip(np.rint(grey), 0, 255).astype(np.uint8), seen[:, :2] / seen[:, 2:]
+    wanted = cv2.perspectiveTransform(np.column_stack([corners[:, 0], BOARD.rows - corners[:, 1]])[None], px_from_squares)[0]
+    seen = wanted
+    for _ in range(50):
+        seen = seen + wanted - straight(seen)
+    return np.clip(np.rint(grey), 0, 255).astype(np.uint8), seen
 
 
-@pytest.mark.parametrize(("square_px", "tilt_deg", "blur_px"), [(20, 20, 0.7), (30, 50, 0.7), (30, 20, 1.2), (40, 60, 0.5)])
-def test_corners_of_small_and_oblique_squares_are_right_to_hundredths_of_a_pixel(square_px, tilt_deg, blur_px):
-    grey, true = drawn_board(square_px, tilt_deg, blur_px)
+@pytest.mark.parametrize(
+    ("square_px", "tilt_deg", "blur_px", "bend"),
+    [(20, 20, 0.7, 0.0), (30, 50, 0.7, 0.0), (30, 20, 1.2, 0.0), (40, 60, 0.5, 0.0), (30, 20, 0.7, 0.3), (60, 45, 0.7, 0.3)],
+)
+def test_corners_of_a_board_are_right_to_hundredths_of_a_pixel(square_px, tilt_deg, blur_px, bend):
+    """Of small and oblique squares, where OpenCV's are off by some tenths, and of large ones behind a wide lens."""
+    grey, true = drawn_board(square_px, tilt_deg, blur_px, bend)
     read, ids, _, _ = cv2.aruco.CharucoDetector(BOARD.board()).detectBoard(grey)
     off_opencv = np.linalg.norm(read.reshape(-1, 2) - true[ids.ravel()], axis=1)
     found = TargetDetector(BOARD).detect(grey)
     off = np.linalg.norm(found.xy_img - true[found.corner], axis=1)
     assert len(off) >= 0.9 * len(off_opencv) >= 18
-    assert np.sqrt((off**2).mean()) < min(0.04, 0.5 * np.sqrt((off_opencv**2).mean()))
+    assert np.sqrt((off**2).mean()) < min(0.04, 0.6 * np.sqrt((off_opencv**2).mean()))
 
 
 def test_corners_behind_a_hand_are_left_out():

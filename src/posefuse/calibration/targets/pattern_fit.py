@@ -259,7 +259,7 @@ _SQUARE_PX, _MOST_PX = 480, 4000
 # a sharp image that is blurred by `_BLUR_PX`, which leaves less of its own blur
 _PICTURE_FINER, _DRAWN_FINER, _DRAWN_BLUR_PX, _BLUR_PX = 2, 2, 1.2, 1.0
 # what counts as around a corner: in squares; in px at least, and at most, so that a lens does not bend it
-_AROUND_SHARE, _LEAST_PX, _MOST_AROUND_PX = 0.45, 4, 25
+_AROUND_SHARE, _LEAST_PX, _MOST_AROUND_PX = 0.45, 4, 12
 # a corner lies nearer than this to where it was read: OpenCV errs by 1 px
 _MOST_MOVED_PX, _MOST_MOVED_SHARE = 1.5, 0.1
 # correlation, or something else is there (a finger, glare): strong blur, noise and a tone curve leave more than 0.85
