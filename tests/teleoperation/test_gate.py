@@ -429,7 +429,7 @@ def test_a_hand_alone_that_comes_back_elsewhere_is_another_hand():
 
 @pytest.mark.parametrize("hide", [0, 5])
 def test_lengths_of_a_body_are_remembered_from_view_to_view_and_past_views_without_it(hide):
-    """A forearm that grows by 1 % per view is another body's before it is 50 % longer, and so is one that is after a hidden hand."""
+    """A forearm that grows by 1 % per view is another body's before it is 50 % longer; so is such a one after a hidden hand."""
     run = Run(ELSEWHERE).engaged()
     forearm_m = person_view(HAND, 0).forearm_m
     run.tick(hide, change=lambda news: hidden(news, "hand"))
