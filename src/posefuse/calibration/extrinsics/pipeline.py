@@ -33,7 +33,8 @@ from .snapshots import Snapshots, evenly, middle_ns, pick_time_steps, snapshots
 LEAST_TIME_STEPS = 8
 _MOST_CLOCK_ROUNDS = 5
 _CLOCK_SETTLED_S = 1e-4
-_INLIER_SIGMA = 4.0
+# a view agrees within so many standard deviations, which are this at least, px
+_INLIER_SIGMA, _LEAST_SIGMA_PX = 4.0, 0.2
 _LEAST_PATCH_SHARE = 0.6
 # time steps that are enough to distinguish hypotheses
 TIME_STEPS = 100
@@ -119,8 +120,12 @@ class Solved:
 
     @property
     def inlier(self) -> Array:
-        """(groups,) whether a marker in an image agrees with the solution: every corner within 4 robust standard deviations."""
-        square = np.nan_to_num(((self.solution.residual_px / self.solution.sigma_px) ** 2).mean(axis=1), nan=np.inf)
+        """(groups,) whether a marker in an image agrees with the solution: every corner within 4 robust standard deviations.
+
+        Corners can be sharper than time stamps and lenses are right: what they show of these is not that a camera moved.
+        """
+        sigma_px = max(self.solution.sigma_px, _LEAST_SIGMA_PX)
+        square = np.nan_to_num(((self.solution.residual_px / sigma_px) ** 2).mean(axis=1), nan=np.inf)
         worst = np.zeros(self.seen.group_count)
         np.maximum.at(worst, self.seen.group, square)
         return np.asarray(worst <= _INLIER_SIGMA**2)
