@@ -441,7 +441,7 @@ class Recording(core.Recording):
         from posefuse.outputs import rerun
         from posefuse.pipeline.writing import session_frames
 
-        file = None if self.path is None else self.path / rerun.FILE
+        file = None if self.path is None else self.path / rerun.RerunSink.file
         if session is None and file is not None and file.is_file():
             rerun.open_in_viewer(file)
             return file
