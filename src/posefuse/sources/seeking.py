@@ -38,7 +38,8 @@ class Seeker(Closing):
         if not len(self.times_ns):
             raise SourceError(f"camera {source.camera}: no frame is listed; is the file complete?")
         self._frames: Iterator[Frame] = iter(())
-        self._place, self._last = -_READ_ON - 1, None
+        self._last: Frame | None = None
+        self._place = -_READ_ON - 1
 
     def at(self, i: int) -> Frame:
         """Frame i, or the first after it that can be decoded; raises SourceError where there is none."""
