@@ -75,10 +75,9 @@ def test_doctor_is_ready_before_the_first_download(monkeypatch: pytest.MonkeyPat
 
 @pytest.mark.parametrize("system", ["win32", "darwin"])
 def test_doctor_on_systems_with_a_desktop(monkeypatch: pytest.MonkeyPatch, system: str) -> None:
-    """No DISPLAY, no /proc/cpuinfo, cameras by the names that FFmpeg lists."""
+    """No DISPLAY, cameras by the names that FFmpeg lists."""
     devices = [SimpleNamespace(name="0", description="Logitech BRIO", media_types=["video"])]
     monkeypatch.setattr("av.enumerate_input_devices", lambda kind: devices, raising=False)
-    monkeypatch.setattr(machine, "_cpu_flags", set)
     monkeypatch.delenv("DISPLAY", raising=False)
     real = machine.usable_cores
     monkeypatch.setattr("posefuse.foundation.platform.sys", SimpleNamespace(platform=system))

@@ -19,7 +19,7 @@ from posefuse.pipeline.session import Input, Session, find_session
 from posefuse.pipeline.solve import config_of
 from posefuse.pipeline.writing import lies_in, nearby_session
 from posefuse.realtime.video_keeping import read_counts
-from posefuse.sources import ImagesSeeker, Seeker, VideoConfig, VideoSeeker, nearest
+from posefuse.sources import Seeker, nearest
 
 R = TypeVar("R", bound=core.Recording)
 
@@ -112,7 +112,7 @@ class Playback(Closing, Generic[R]):
     def begin_ns(self) -> int:
         """The first time step at which all cameras with images have one; the recording's first where there is no such time."""
         t_ns = self.recording.poses.t_ns
-        begins = [int(one.times_ns[0]) for one in self._seekers.values() if len(one.times_ns)]
+        begins = [int(one.times_ns[0]) for one in self._seekers.values()]
         if not len(t_ns):
             return 0
         later = np.flatnonzero(t_ns >= max(begins, default=0))
@@ -168,16 +168,14 @@ class Playback(Closing, Generic[R]):
     def _image(self, camera: str, t_ns: int) -> tuple[int, Array] | None:
         """The frame nearest to a time, and its own; None where the camera has none within a period of it."""
         seeker = self._seekers.get(camera)
-        if seeker is None or not len(seeker.times_ns):
+        if seeker is None:
             return None
-        i = nearest(seeker.times_ns, t_ns)
         period_ns = float(np.median(np.diff(seeker.times_ns))) if len(seeker.times_ns) > 1 else np.inf
-        if abs(int(seeker.times_ns[i]) - t_ns) > period_ns:
-            return None
         try:
-            return int(seeker.times_ns[i]), np.asarray(seeker.at(i).image)
+            frame = seeker.at(nearest(seeker.times_ns, t_ns))
         except SourceError:
             return None
+        return (frame.t_ns, np.asarray(frame.image)) if abs(frame.t_ns - t_ns) <= period_ns else None
 
 
 def _tile_wh(size_wh: tuple[int, int], width_px: int) -> tuple[int, int]:
@@ -191,8 +189,7 @@ def _opened(recording: core.Recording, session: Session, problems: dict[str, str
         if entry.camera not in recording.rig.names or entry.kind == "pose2d":
             continue
         try:
-            one = source_config(entry, config, len(session.inputs))
-            seekers[entry.camera] = VideoSeeker(one) if isinstance(one, VideoConfig) else ImagesSeeker(one.build())
+            seekers[entry.camera] = Seeker(source_config(entry, config, len(session.inputs)).build())
         except SourceError as error:
             problems[entry.camera] = str(error)
     return seekers

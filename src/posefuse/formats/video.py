@@ -6,7 +6,7 @@ scaler each time, with a thread per core. For images of 640 x 480 px that takes 
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from fractions import Fraction
 from pathlib import Path
 from threading import Lock
@@ -205,20 +205,6 @@ class VideoWriter(Closing):
                 self.encode(None)
             self._container.close()
             self._container = None
-
-
-def read_video(path: Path) -> Iterator[tuple[int, Array]]:
-    """(time in ns, RGB image (H, W, 3)) of every frame of a video `VideoWriter` made; raises InputError when it cannot."""
-    try:
-        with av.open(str(path)) as container:
-            converter = PixelConverter()
-            for frame in container.decode(video=0):
-                yield (
-                    round((frame.pts or 0) * Fraction(frame.time_base or TIME_BASE) * 1_000_000_000),
-                    converter.rgb(frame),
-                )
-    except (av.error.FFmpegError, OSError) as error:
-        raise InputError(f"{path}: cannot be read as a video ({error})") from None
 
 
 def join_videos(parts: Sequence[Path], path: Path) -> None:
