@@ -1,5 +1,6 @@
 """The command line: figures as JSON on stdout and nothing else there, one line and exit 1 for a known error, 2 for a bug."""
 
+import errno
 import json
 import os
 import re
@@ -192,6 +193,15 @@ def test_a_bug_prints_a_trace_and_exits_2(monkeypatch: pytest.MonkeyPatch, capsy
     code, _, err = run(capsys, "plugins")
     assert code == 2
     assert "Traceback" in err and "oops" in err and "bug in posefuse" in err
+
+
+@pytest.mark.parametrize(("code", "reason"), [(errno.ENOSPC, "cannot be written"), (errno.EACCES, "cannot be opened")])
+def test_what_the_machine_does_not_allow_is_one_line_and_exit_1(code: int, reason: str, monkeypatch, capsys) -> None:
+    def refused() -> Figures:
+        raise OSError(code, os.strerror(code), "session/videos")
+
+    in_place_of_plugins(monkeypatch, refused)
+    assert run(capsys, "plugins") == (1, "", f"posefuse plugins: session/videos: {reason} ({os.strerror(code)})\n")
 
 
 @pytest.mark.parametrize("request_", [signal.SIGINT, *REQUESTS_TO_END])

@@ -142,7 +142,7 @@ def test_reading_ahead_keeps_order_hands_on_errors_and_stops() -> None:
 # --- jumping about in a recording gives the frames that reading it from the start gives
 
 
-COUNT = 150
+COUNT, HIDDEN = 150, 20
 
 
 def image_of(i: int) -> np.ndarray:
@@ -169,14 +169,22 @@ def reordered(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return write_video(path, [image_of(i) for i in range(COUNT)], options=options, format="mpegts")
 
 
-@pytest.mark.parametrize("name", ["video", "reordered"])
+@pytest.fixture(scope="module")
+def trimmed(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Its start is cut off without encoding again: the file holds it from a key frame on, and an edit list hides it."""
+    folder, options = tmp_path_factory.mktemp("video"), {"bf": "3", "g": "50", "sc_threshold": "0", "preset": "veryfast"}
+    whole = write_video(folder / "whole.mp4", [image_of(i) for i in range(COUNT)], options=options)
+    return remuxed(whole, folder / "trimmed.mp4", hidden_s=Fraction(HIDDEN, 30))
+
+
+@pytest.mark.parametrize("name", ["video", "reordered", "trimmed"])
 def test_any_order_gives_the_frames_of_reading_on(name: str, request: pytest.FixtureRequest) -> None:
     config = VideoConfig(request.getfixturevalue(name), "cam", offset_s=0.25, drift_ppm=40.0)
     source, seeker = config.build(), Seeker(config.build())
     frames = list(source.frames())
     np.testing.assert_array_equal(seeker.times_ns, source.times_ns())
     assert seeker.times_ns.tolist() == [frame.t_ns for frame in frames]
-    order = [0, 149, 3, 4, 5, 120, 61, 60, 59, 60, *np.random.default_rng(0).integers(0, COUNT, 15).tolist()]
+    order = [0, len(frames) - 1, 3, 4, 5, 120, 61, 60, 59, 60, *np.random.default_rng(0).integers(0, len(frames), 15).tolist()]
     for i in order:
         got = seeker.at(i)
         assert (got.t_ns, got.camera) == (frames[i].t_ns, "cam")
@@ -298,6 +306,14 @@ def test_a_video_is_read_whole_also_with_metadata_that_is_not_utf8(tmp_path: Pat
     assert b"Lavf" in content
     path.write_bytes(content.replace(b"Lavf", b"L\xe4vf"))
     assert covered(VideoConfig(path, "b").build()) == whole("b")
+
+
+def test_what_an_edit_list_hides_is_neither_listed_nor_missing(trimmed: Path) -> None:
+    source = VideoConfig(trimmed, "b").build()
+    shown_ns = [frame.t_ns for frame in source.frames()]
+    assert shown_ns == source.times_ns().tolist() and (shown_ns[0], len(shown_ns)) == (0, COUNT - HIDDEN)
+    counted = CountedSource(source, 0)
+    assert len(list(counted.frames())) == counted.coverage(0, 2 * shown_ns[-1]).expected == len(shown_ns)
 
 
 def test_frames_that_a_video_states_and_no_longer_holds_are_missing_at_its_end() -> None:

@@ -88,10 +88,7 @@ class VideoSource:
     """Frames of a video file with true presentation times (variable frame rate is kept as it is).
 
     Times are those written in the file; containers whose clock starts anywhere (MPEG-TS, AVI) count from their first
-    frame. A turned phone video is turned upright as the file asks.
-
-    Attributes:
-        stated_frames: by the file's header, more than `times_ns` where its end is missing; 0 where it states none.
+    frame. A turned phone video is turned upright as the file asks, and what was cut off without encoding again stays hidden.
     """
 
     def __init__(self, config: VideoConfig) -> None:
@@ -103,8 +100,11 @@ class VideoSource:
             raise SourceError(f"{config.where}: no frame can be decoded; is the file complete?")
         # one that cannot be converted shows now
         self.size_wh = first.converted().size_wh
-        with opened_video(config) as container:
-            self.stated_frames = int(container.streams.video[0].frames)
+
+    @property
+    def stated_frames(self) -> int:
+        """By the file's header, more than `times_ns` where its end is missing; 0 where it states none."""
+        return self._listed.stated
 
     def times_ns(self) -> Array:
         """(F,) int64 session times of all frames the file lists, without decoding them."""
@@ -250,11 +250,14 @@ def length_s(path: Path) -> float:
 class ListedFrames(NamedTuple):
     """What a file lists, in ticks of `base_s`, sorted: times of frames, and when key frames are decoded by their times.
 
-    `timed`: whether each packet has a time. `starts_anywhere`: whether only times since the first frame mean anything.
+    Frames that an edit list hides are not listed; hidden key frames are, because those after them are decoded from there.
+    `stated`: how many frames the header states, without hidden ones. `timed`: whether each packet has a time.
+    `starts_anywhere`: whether only times since the first frame mean anything.
     """
 
     ticks: list[int]
     keys: dict[int, int]
+    stated: int
     timed: bool
     base_s: Fraction
     starts_anywhere: bool
@@ -274,15 +277,16 @@ def listed_frames(container: av.container.InputContainer) -> ListedFrames:
     stream = container.streams.video[0]
     ticks: set[int] = set()
     keys: dict[int, int] = {}
-    timed = True
+    stated, timed = stream.frames, True
     with suppress(av.error.FFmpegError):
         for packet in container.demux(stream):
+            stated -= packet.is_discard
             if packet.pts is not None:
-                ticks.add(packet.pts)
+                ticks.update([] if packet.is_discard else [packet.pts])
                 keys.update({packet.pts: packet.dts} if packet.is_keyframe and packet.dts is not None else {})
             timed = timed and (packet.pts is not None or not packet.size)
     base_s, anywhere = Fraction(stream.time_base or 1), container.format.name in _ARBITRARY_START
-    return ListedFrames(sorted(ticks), dict(sorted(keys.items())), timed, base_s, anywhere)
+    return ListedFrames(sorted(ticks), dict(sorted(keys.items())), max(stated, 0), timed, base_s, anywhere)
 
 
 # decoding takes time, too; the first frame may be this late, because its successor is unknown
