@@ -9,10 +9,12 @@ from pathlib import Path
 from types import SimpleNamespace
 from typing import Any, get_args
 
+import cv2
 import numpy as np
 import pytest
 from calibrating import marker_page, run
 from checks import refusal
+from commands import error
 
 import posefuse as pf
 from posefuse.api import calibrate
@@ -48,6 +50,22 @@ def test_a_printed_file_is_replaced_on_request_only(tmp_path: Path) -> None:
     run(*words, "100", "--force")
     [kept] = tmp_path.glob("cube.pdf.replaced-*")
     assert kept.read_bytes() == before != out.read_bytes()
+
+
+@pytest.mark.parametrize("step", ["intrinsics", "extrinsics"])
+def test_a_wrong_target_file_asks_for_no_new_recording(step: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    target = Charuco(columns=5, rows=7, square_m=0.05, marker_m=0.0375)
+    page = np.pad(target.board().generateImage((250, 350)), 40, constant_values=255)
+    for name in ("cam00", "cam01"):
+        (tmp_path / name).mkdir()
+        for i in range(3):
+            cv2.imwrite(str(tmp_path / name / f"{i}.png"), np.roll(page, 2 * i, axis=1))
+    file = write_target(tmp_path / "board.toml", replace(target, columns=6))
+    words = ["calibrate", step, "--target", file, "--out", tmp_path / "rig.toml", "--report", tmp_path / "a.html"]
+    shown = error(capsys, *words, tmp_path / "cam00", tmp_path / "cam01")
+    assert "not as described: count columns and rows" in shown and "the target file states" not in shown
+    assert f"next: posefuse calibrate {step} " in shown and "files or sizes are corrected" in shown
+    assert "not as described" in (tmp_path / "a.html").read_text()
 
 
 def test_three_marked_points_are_read_and_a_wrong_key_is_named(tmp_path: Path) -> None:
