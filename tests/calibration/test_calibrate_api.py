@@ -82,6 +82,8 @@ def test_numbers_of_a_board_are_checked_where_it_is_printed(tmp_path: Path) -> N
     board = {"kind": "charuco", "columns": 4.0, "rows": 3, "square_mm": 36, "marker_mm": 27}
     assert print_target(tmp_path / "board.pdf", board).target.is_file()
     refusal(ConfigError, r"target: columns: .* got 4\.5", print_target, tmp_path / "other.pdf", {**board, "columns": 4.5})
+    plain = {"kind": "chessboard", "columns": 5, "rows": 7, "square_mm": 30}
+    refusal(InputError, "chessboard is not offered", print_target, tmp_path / "other.pdf", plain)
 
 
 @pytest.mark.slow

@@ -92,7 +92,12 @@ EXTRINSICS = "extrinsics --target cube.toml --intrinsics lenses.toml --out rig.t
     [
         ("print --cube --out face.pdf", InputError, "target markers: missing `marker_mm=MM`"),
         ("print --cube --marker-mm 120 --out none/cube.pdf", InputError, r"out .*: there is no folder .*none"),
-        ("print --target chessboard --columns 5 --rows 7 --square-mm 30 --out a.pdf", InputError, "chessboard is not offered"),
+        ("print --square-mm 30 --marker-mm 20 --out a.pdf", InputError, "target charuco: missing `columns=N`, `rows=N`"),
+        (
+            "print --target chessboard --columns 5 --rows 7 --square-mm 30 --out a.pdf",
+            WrongCommandLineError,
+            'Choose from: "charuco", "markers"',
+        ),
         (f"{PERSON} --height-m 1.8 cam00.mp4", InputError, "expected at least 2 cameras, got 1"),
         (f"{PERSON} --height-m 1.8 cam00.mp4 cam01=none.mp4", InputError, r"no such file or folder: .*none\.mp4"),
         (f"{PERSON} cam00.mp4 cam01=cam00.mp4", InputError, "one known length: `height_m=METRES`, or `camera_distance="),
@@ -106,6 +111,7 @@ EXTRINSICS = "extrinsics --target cube.toml --intrinsics lenses.toml --out rig.t
         ("intrinsics --target board.toml --out r.toml cam=none.mp4", InputError, "no such video or folder of images"),
         ("extrinsics --target chess.toml --out rig.toml cam00.mp4", CalibrationError, "looks the same from both ends"),
         ("verify --target chess.toml --rig lenses.toml cam00.mp4", CalibrationError, "looks the same from both ends"),
+        ("guide --target chess.toml --source cam00=video:cam00.mp4", CalibrationError, "looks the same from both ends"),
         (f"{EXTRINSICS} --floor-points none.toml", ConfigError, r"none\.toml: no such file"),
         (f"{EXTRINSICS} --floor-points a.toml --floor-marker 7", InputError, "one of the two sets the world"),
     ],
