@@ -18,6 +18,7 @@ from memory_source import Clip
 
 from bench.faults.waved_props import Faults, Waving, board, observe_prop
 from posefuse.api import calibrate as api
+from posefuse.calibration.extrinsics.own_intrinsics import starting_cameras
 from posefuse.calibration.extrinsics.pipeline import Options, RigTask, key_snapshots, link, solve
 from posefuse.calibration.extrinsics.target import calibrate_extrinsics
 from posefuse.calibration.intrinsics import PARAMETERS, calibrate_intrinsics
@@ -283,6 +284,14 @@ def test_coverage_guides_to_what_is_missing(watched: Watched, lab: Any) -> None:
     assert coverage_picture(now.cells[0], (320, 180)).shape == (180, 320, 3)
     several = coverage(lab.watch().rows(lab.watch().camera != 2))
     assert several.advice() == "show the target to cam02"
+
+
+def test_intrinsics_are_the_same_to_the_last_bit_in_every_run(watched: Watched, lab: Any) -> None:
+    """OpenCV sums views in the order in which its threads are done with them: results differed by 1e-12."""
+    threads, short = cv2.getNumThreads(), lab.watch(motion=replace(lab.motion, seconds=6.0))
+    for found in (lambda: [calibrate_intrinsics(watched[1], WIDE).camera], lambda: starting_cameras(short, lab.target)):
+        runs = {b"".join(camera.K.tobytes() + camera.distortion.tobytes() for camera in found()) for _ in range(4)}
+        assert len(runs) == 1 and cv2.getNumThreads() == threads
 
 
 @pytest.mark.slow

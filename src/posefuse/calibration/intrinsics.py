@@ -13,6 +13,7 @@ from typing import Any
 import cv2
 import numpy as np
 
+from posefuse.calibration.geometry import one_opencv_thread
 from posefuse.calibration.report import LIMITS, CalibrationReport, Check, RefusedCalibration
 from posefuse.calibration.targets.corners import CornerObservations
 from posefuse.calibration.targets.coverage import coverage
@@ -166,12 +167,13 @@ def _solve(views: list[_View], size_wh: tuple[int, int]) -> _Solved:
 
 def _solve_model(views: list[_View], size_wh: tuple[int, int], flags: int) -> _Solved:
     calibrate: Any = cv2.calibrateCameraExtended  # whose stubs forbid None where the documentation asks for it
-    rms, K, distortion, rotvec, xyz, sigma, _, per_view = calibrate(
-        [view.xyz.astype(np.float32) for view in views],
-        [view.xy.astype(np.float32).reshape(-1, 1, 2) for view in views],
-        size_wh, None, None, flags=flags,
-        criteria=(cv2.TERM_CRITERIA_EPS + cv2.TERM_CRITERIA_MAX_ITER, 200, 1e-10),
-    )  # fmt: skip
+    with one_opencv_thread():
+        rms, K, distortion, rotvec, xyz, sigma, _, per_view = calibrate(
+            [view.xyz.astype(np.float32) for view in views],
+            [view.xy.astype(np.float32).reshape(-1, 1, 2) for view in views],
+            size_wh, None, None, flags=flags,
+            criteria=(cv2.TERM_CRITERIA_EPS + cv2.TERM_CRITERIA_MAX_ITER, 200, 1e-10),
+        )  # fmt: skip
     errors = np.asarray(sigma).ravel()[:9]
     return _Solved(
         K=np.asarray(K),
