@@ -94,7 +94,7 @@ def test_the_prop_of_the_laboratory_is_calibrated_saved_and_verified(lab: Any, t
     assert found.clocks is None and found.clock_settings == ""
     path = found.save(tmp_path / "rig.toml", report=tmp_path / "rig.html")
     assert read_rig(path).names == lab.rig.names
-    assert (tmp_path / "rig.html").read_text(encoding="utf-8").count("data:image/png") == len(lab.rig)
+    assert (tmp_path / "rig.html").read_text(encoding="utf-8").count("data:image/jpeg") == len(lab.rig)
     refusal(InputError, r"rig\.toml", found.save, path)
     found.save(path, replace=True)
     assert list(tmp_path.glob("rig.toml.replaced-*"))

@@ -143,7 +143,7 @@ def test_lenses_and_places_from_real_footage(shared_data: Path, tmp_path: Path, 
     assert read_rig(rig).names == ("cam_0", "cam_1", "cam_2", "cam_3")
     text = page.read_text()
     assert "extrinsics: passed" in text
-    assert text.count("data:image/png;base64,") == 4
+    assert text.count("data:image/jpeg;base64,") == 4
     offsets = [f"--offset-ms=cam_{i}={figures[f'cam_{i}_offset_ms']}" for i in range(4)]
     assert run("verify", *board, "--rig", str(rig), *offsets, *videos)["length_rms_mm"] < 1.2
     refused = tmp_path / "refused.toml"

@@ -242,20 +242,6 @@ def draw_views(picture: Array, grid: Grid, recording: Recording, i: int, images:
         draw_view(picture[top : top + height, left : left + width], recording, i, c, image)
 
 
-def shrunk_wh(size_wh: tuple[int, int], longest_px: int) -> tuple[int, int]:
-    """The size of an image whose longer side is made at most so long."""
-    factor = min(1.0, longest_px / max(size_wh))
-    return max(1, round(size_wh[0] * factor)), max(1, round(size_wh[1] * factor))
-
-
-def jpeg_of(picture: Array, quality: int) -> bytes:
-    """An RGB image (H, W, 3) as JPEG; quality 1 to 100."""
-    import cv2
-
-    _, encoded = cv2.imencode(".jpg", cv2.cvtColor(picture, cv2.COLOR_RGB2BGR), [cv2.IMWRITE_JPEG_QUALITY, quality])
-    return encoded.tobytes()
-
-
 def _fixed(xy: Array) -> tuple[Array, Array]:
     """Which points (K, 2) can be drawn, (K,), and OpenCV's fixed-point coordinates (K, 2) of those.
 

@@ -22,11 +22,12 @@ from posefuse.core import Camera, DependencyError, Frame, Recording, Skeleton
 from posefuse.core.arrays import Array
 from posefuse.core.poses import point_sigma_m
 from posefuse.core.se3 import wxyz_from_matrix
+from posefuse.formats.images import jpeg_of, shrunk, shrunk_wh
 from posefuse.foundation.output_file import atomic_file
 from posefuse.foundation.platform import display
 from posefuse.foundation.settings import settings
 
-from .drawing import DETECTION_RGB, bone_colours, jpeg_of, keypoint_colours, shrunk_wh
+from .drawing import DETECTION_RGB, bone_colours, keypoint_colours
 from .facts import provenance
 from .frames import Frames, FrameSets, FrameWriter, ImageOutput, OneFileWriter, write_outputs
 
@@ -183,7 +184,6 @@ def _bone_rgb(skeleton: Skeleton) -> Array:
 
 
 FILE = "recording.rrd"
-_JPEG_QUALITY = 75
 
 
 @settings
@@ -290,7 +290,7 @@ class _RerunWriter(OneFileWriter):
 
         recording, camera = self._recording, self._cameras[c]
         if self._config.image_px:
-            image = None if frame is None else _jpeg(frame.image, camera.size_wh)
+            image = None if frame is None else jpeg_of(shrunk(frame.image, self._config.image_px))
             blank = rr.Clear(recursive=False) if image is None else rr.EncodedImage(contents=image, media_type="image/jpeg")
             self._stream.log(f"{camera_path(camera.name)}/image", blank)
         scale = np.array(camera.size_wh) / recording.rig.cameras[c].size_wh
@@ -315,12 +315,6 @@ def _below() -> list[Any]:
 def _shown(camera: Camera, longest_px: int) -> Camera:
     """The camera for the stored images, never enlarged."""
     return camera.scaled(shrunk_wh(camera.size_wh, longest_px)) if longest_px else camera
-
-
-def _jpeg(image: Array, size_wh: tuple[int, int]) -> bytes:
-    import cv2
-
-    return jpeg_of(cv2.resize(image, size_wh, interpolation=cv2.INTER_AREA), _JPEG_QUALITY)
 
 
 def _mean_over_keypoints(values: Array) -> Array:

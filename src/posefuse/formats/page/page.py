@@ -14,6 +14,7 @@ import numpy as np
 
 from posefuse.core import InputError, palette
 from posefuse.core.arrays import Array
+from posefuse.formats.images import jpeg_of
 from posefuse.foundation.output_file import write_text
 from posefuse.foundation.summary import Block, Heading
 
@@ -44,10 +45,10 @@ class Cards:
 
 @dataclass(frozen=True, eq=False)
 class Images:
-    """Captions to RGB images (H, W, 3) uint8, stored inside the page as PNG.
+    """Captions to RGB images (H, W, 3) uint8, stored inside the page as JPEG.
 
     Attributes:
-        raster: each fills the width of the page, its pixels as blocks.
+        raster: each fills the width of the page, its pixels as blocks, which PNG keeps as they are.
     """
 
     images: Mapping[str, Array]
@@ -58,7 +59,8 @@ class Images:
     @property
     def shown(self) -> list[tuple[str, str]]:
         """Captions and ``data:`` addresses."""
-        return [(caption, f"data:image/png;base64,{_text_of(_png(image))}") for caption, image in self.images.items()]
+        kind, encoded = ("png", _png) if self.raster else ("jpeg", jpeg_of)
+        return [(caption, f"data:image/{kind};base64,{_text_of(encoded(_rgb(image)))}") for caption, image in self.images.items()]
 
 
 @dataclass(frozen=True)
@@ -70,12 +72,16 @@ class Details:
     kind: ClassVar[str] = "details"
 
 
+def _rgb(image: Array) -> Array:
+    if image.ndim != 3 or image.shape[2] != 3 or not image.size or image.dtype != np.uint8:
+        raise InputError(f"page: expected an RGB image (H, W, 3) uint8, got {image.shape} {image.dtype}")
+    return np.ascontiguousarray(image)
+
+
 def _png(image: Array) -> bytes:
     import cv2
 
-    if image.ndim != 3 or image.shape[2] != 3 or not image.size or image.dtype != np.uint8:
-        raise InputError(f"page: expected an RGB image (H, W, 3) uint8, got {image.shape} {image.dtype}")
-    return cv2.imencode(".png", np.ascontiguousarray(image[..., ::-1]))[1].tobytes()
+    return cv2.imencode(".png", cv2.cvtColor(image, cv2.COLOR_RGB2BGR))[1].tobytes()
 
 
 Side = Literal["left", "right", "mid"]

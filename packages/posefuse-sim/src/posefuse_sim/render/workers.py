@@ -18,7 +18,7 @@ import numpy as np
 
 from posefuse.core import InputError, PosefuseError
 from posefuse.core.arrays import Array
-from posefuse.formats.image_folders import write_depth
+from posefuse.formats.images import jpeg_of, write_depth
 from posefuse.formats.npz import write_arrays
 from posefuse.formats.video import VideoWriter
 from posefuse.foundation.requests_to_end import children_ignore_requests, leave_requests_to_parent
@@ -145,9 +145,8 @@ def _render(run: FrameRun, poses: Array, seen: SeenPoints) -> int:
 
 def _write_image(folder: Path, quality: int, image: Array, t_ns: int) -> None:
     path = folder / image_name(t_ns)
-    _, data = cv2.imencode(".jpg", image[..., ::-1], [cv2.IMWRITE_JPEG_QUALITY, quality])
     try:
-        path.write_bytes(data.tobytes())
+        path.write_bytes(jpeg_of(image, quality))
     except OSError as error:
         raise InputError(f"{path}: cannot be written ({error})") from None
 
