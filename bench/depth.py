@@ -26,7 +26,7 @@ from posefuse.core import Detections2D, LiveJointCentres, Pose3D, Recording, Tru
 from posefuse.detection import with_depth
 from posefuse.detection.build import DetectorChoice, build_detector
 from posefuse.evaluation.metrics import true_xyz_at
-from posefuse.formats.images import DepthFolder
+from posefuse.formats.image_folders import DepthFolder
 from posefuse.realtime.config import LiveConfig
 from posefuse.realtime.estimator import warmed_up
 from posefuse_sim.scene import Scene

@@ -228,7 +228,7 @@ def thumbnail(path: Path, within: Path | None = None) -> bytes:
 
 
 def _small_image(path: Path, within: Path | None) -> bytes:
-    from posefuse.formats.images import jpeg_of
+    from posefuse.outputs.drawing import jpeg_of
     from posefuse.outputs.overview import best_time_step, stage_picture
 
     from .playback import Playback, session_with_videos

@@ -12,9 +12,8 @@ import numpy as np
 from posefuse import core
 from posefuse.core import Closing, PosefuseError, SourceError
 from posefuse.core.arrays import Array
-from posefuse.formats.images import jpeg_of
 from posefuse.formats.kept_video import VIDEOS_FOLDER
-from posefuse.outputs.drawing import image_tile, view_tile
+from posefuse.outputs.drawing import image_tile, jpeg_of, view_tile
 from posefuse.pipeline.opening import source_config
 from posefuse.pipeline.session import Input, Session, find_session
 from posefuse.pipeline.solve import config_of

@@ -45,8 +45,8 @@ from posefuse.core import (
     Source,
 )
 from posefuse.core.skeleton import BLAZEPOSE33
-from posefuse.formats.images import jpeg_of
 from posefuse.kinematics import JointSettings, JointTracker
+from posefuse.outputs.drawing import jpeg_of
 
 _ENOUGH_FRAMES = 20
 

@@ -242,6 +242,28 @@ def draw_views(picture: Array, grid: Grid, recording: Recording, i: int, images:
         draw_view(picture[top : top + height, left : left + width], recording, i, c, image)
 
 
+def shrunk_wh(size_wh: tuple[int, int], longest_px: int) -> tuple[int, int]:
+    """The size of an image whose longer side is made at most so long."""
+    factor = min(1.0, longest_px / max(size_wh))
+    return max(1, round(size_wh[0] * factor)), max(1, round(size_wh[1] * factor))
+
+
+def shrunk(image: Array, longest_px: int) -> Array:
+    """An RGB image (H, W, 3) with a longer side of at most so many px, each the mean of those that it stands for."""
+    import cv2
+
+    size_wh = shrunk_wh((image.shape[1], image.shape[0]), longest_px)
+    return np.asarray(cv2.resize(image, size_wh, interpolation=cv2.INTER_AREA))
+
+
+def jpeg_of(image: Array, quality: int = 75) -> bytes:
+    """An RGB image (H, W, 3) as JPEG; quality 1 to 100."""
+    import cv2
+
+    _, encoded = cv2.imencode(".jpg", cv2.cvtColor(image, cv2.COLOR_RGB2BGR), [cv2.IMWRITE_JPEG_QUALITY, quality])
+    return encoded.tobytes()
+
+
 def _fixed(xy: Array) -> tuple[Array, Array]:
     """Which points (K, 2) can be drawn, (K,), and OpenCV's fixed-point coordinates (K, 2) of those.
 

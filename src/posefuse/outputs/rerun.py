@@ -22,12 +22,11 @@ from posefuse.core import Camera, DependencyError, Frame, Recording, Skeleton
 from posefuse.core.arrays import Array
 from posefuse.core.poses import point_sigma_m
 from posefuse.core.se3 import wxyz_from_matrix
-from posefuse.formats.images import jpeg_of, shrunk, shrunk_wh
 from posefuse.foundation.output_file import atomic_file
 from posefuse.foundation.platform import display
 from posefuse.foundation.settings import settings
 
-from .drawing import DETECTION_RGB, bone_colours, keypoint_colours
+from .drawing import DETECTION_RGB, bone_colours, jpeg_of, keypoint_colours, shrunk, shrunk_wh
 from .facts import provenance
 from .frames import Frames, FrameSets, FrameWriter, ImageOutput, OneFileWriter, write_outputs
 

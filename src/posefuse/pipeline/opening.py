@@ -23,7 +23,7 @@ from posefuse.core import (
 from posefuse.core.errors import choices
 from posefuse.detection import default_cards
 from posefuse.detection.build import build_detector
-from posefuse.formats.images import TIMES_FILE
+from posefuse.formats.image_folders import TIMES_FILE
 from posefuse.formats.joint_centres import read_joint_centres
 from posefuse.formats.pose2d import Pose2DFrames, read_pose2d_of_cameras
 from posefuse.foundation.platform import usable_cores

@@ -20,9 +20,9 @@ from posefuse.core.arrays import Array
 from posefuse.core.protocols import NOISE_NOT_FITTED
 from posefuse.detection import with_clothing, with_depth
 from posefuse.detection.build import DetectorChoice, build_detector
-from posefuse.formats.images import jpeg_of, shrunk
 from posefuse.foundation.channel import Channel, ChannelClosed
 from posefuse.foundation.platform import lower_priority
+from posefuse.outputs.drawing import jpeg_of, shrunk
 
 from .capture import SAMPLE_STEP, Capture, Caught, LiveInput, take_all
 from .messages import (

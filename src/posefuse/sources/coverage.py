@@ -11,7 +11,7 @@ import numpy as np
 
 from posefuse.core import Frame, InputError, Source, SourceError
 from posefuse.core.arrays import Array
-from posefuse.formats.images import DepthFolder
+from posefuse.formats.image_folders import DepthFolder
 
 # containers list a frame or two that players never show; an end that differs by so little is how cameras are stopped
 _FRAMES_THAT_DO_NOT_MATTER = 3
@@ -128,7 +128,7 @@ class DepthSource(_SourceOf):
     """The same frames with depth, where the folder has an image of that time; implements `RecordedSource`.
 
     Args:
-        source: videos or images. folder: see `formats.images`.
+        source: videos or images. folder: see `formats.image_folders`.
         offset_s, drift_ppm: those of the source, which the names of the depth images do not contain.
 
     Raises:

@@ -11,7 +11,7 @@ import numpy as np
 
 from posefuse.core import Frame, SourceError
 from posefuse.core.arrays import Array
-from posefuse.formats.images import TIMES_FILE, read_frame_times
+from posefuse.formats.image_folders import TIMES_FILE, read_frame_times
 
 IMAGE_SUFFIXES = (".jpg", ".jpeg", ".png", ".bmp", ".tif", ".tiff", ".webp")
 

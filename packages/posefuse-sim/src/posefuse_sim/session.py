@@ -2,7 +2,7 @@
 
 SESSION/rig.toml              the exact cameras
 SESSION/videos/<camera>.mp4   H.264 with the camera's own time stamps; or <camera>/ with images and timestamps.csv
-SESSION/depth/<camera>/       `formats.images`, of cameras with depth
+SESSION/depth/<camera>/       `formats.image_folders`, of cameras with depth
 SESSION/scene.yaml            every setting, defaults written out
 SESSION/truth/truth.npz       `posefuse.formats.truth`
 SESSION/truth/shots.npz       per camera number i: seq<i>, t<i>_ns (true), stamp<i>_ns (in the video)
@@ -26,7 +26,7 @@ import numpy as np
 
 from posefuse.core import InputError
 from posefuse.core.arrays import Array
-from posefuse.formats.images import write_frame_times
+from posefuse.formats.image_folders import write_frame_times
 from posefuse.formats.npz import read_arrays, write_arrays
 from posefuse.formats.rig import write_rig
 from posefuse.formats.truth import write_truth

@@ -17,7 +17,7 @@ from posefuse.core import Camera, Frame, SourceError
 from posefuse.core.arrays import Array
 from posefuse.core.depth import DepthImage
 from posefuse.core.errors import choices
-from posefuse.formats.images import DepthFolder
+from posefuse.formats.image_folders import DepthFolder
 from posefuse.formats.npz import read_arrays
 from posefuse.formats.truth import read_truth
 from posefuse.formats.video import read_video

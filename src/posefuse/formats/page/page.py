@@ -14,7 +14,6 @@ import numpy as np
 
 from posefuse.core import InputError, palette
 from posefuse.core.arrays import Array
-from posefuse.formats.images import jpeg_of
 from posefuse.foundation.output_file import write_text
 from posefuse.foundation.summary import Block, Heading
 
@@ -59,8 +58,10 @@ class Images:
     @property
     def shown(self) -> list[tuple[str, str]]:
         """Captions and ``data:`` addresses."""
-        kind, encoded = ("png", _png) if self.raster else ("jpeg", jpeg_of)
-        return [(caption, f"data:image/{kind};base64,{_text_of(encoded(_rgb(image)))}") for caption, image in self.images.items()]
+        kind = "png" if self.raster else "jpeg"
+        return [
+            (caption, f"data:image/{kind};base64,{_text_of(_encoded(image, kind))}") for caption, image in self.images.items()
+        ]
 
 
 @dataclass(frozen=True)
@@ -72,16 +73,13 @@ class Details:
     kind: ClassVar[str] = "details"
 
 
-def _rgb(image: Array) -> Array:
-    if image.ndim != 3 or image.shape[2] != 3 or not image.size or image.dtype != np.uint8:
-        raise InputError(f"page: expected an RGB image (H, W, 3) uint8, got {image.shape} {image.dtype}")
-    return np.ascontiguousarray(image)
-
-
-def _png(image: Array) -> bytes:
+def _encoded(image: Array, kind: str) -> bytes:
     import cv2
 
-    return cv2.imencode(".png", cv2.cvtColor(image, cv2.COLOR_RGB2BGR))[1].tobytes()
+    if image.ndim != 3 or image.shape[2] != 3 or not image.size or image.dtype != np.uint8:
+        raise InputError(f"page: expected an RGB image (H, W, 3) uint8, got {image.shape} {image.dtype}")
+    quality = [cv2.IMWRITE_JPEG_QUALITY, 85] if kind == "jpeg" else []
+    return cv2.imencode(f".{kind}", np.ascontiguousarray(image[..., ::-1]), quality)[1].tobytes()
 
 
 Side = Literal["left", "right", "mid"]

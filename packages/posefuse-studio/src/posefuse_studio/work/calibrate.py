@@ -22,7 +22,7 @@ from posefuse.calibration.targets.coverage import coverage_picture
 from posefuse.calibration.targets.kinds import Target
 from posefuse.core import InputError, PosefuseError
 from posefuse.core.arrays import Array
-from posefuse.formats.images import jpeg_of, shrunk
+from posefuse.outputs.drawing import jpeg_of, shrunk
 from posefuse_studio.calibrations import (
     FLOOR_ID,
     LENSES,

@@ -21,7 +21,7 @@ from posefuse.api.record import watch
 from posefuse.calibration.targets.coverage import coverage_picture
 from posefuse.core import InputError
 from posefuse.core.arrays import Array
-from posefuse.formats.images import jpeg_of, shrunk
+from posefuse.outputs.drawing import jpeg_of, shrunk
 from posefuse.realtime.watching import CameraFeed, CameraNews, FedFrame
 from posefuse_studio.calibrations import SEEN, SeenTarget, Step, advice_for, enough_for, near_far_of, size_of, without_floor
 from posefuse_studio.scene_messages import image_message, setup_message

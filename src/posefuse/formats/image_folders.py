@@ -1,4 +1,4 @@
-"""Images as small JPEGs; and those of one camera as a folder: when each was taken, and depth images as lossless 16-bit PNG files.
+"""Images of one camera as a folder: when each was taken, and depth images as 16-bit PNG files, lossless, each named by its time.
 
 FOLDER/timestamps.csv     of frames, with the columns file and t_s
 
@@ -24,29 +24,6 @@ from posefuse.core import InputError, SourceError
 from posefuse.core.arrays import Array
 from posefuse.core.depth import DepthImage, DepthNoise
 from posefuse.foundation.parsing import one_line, parse_json, read_text
-
-
-def shrunk_wh(size_wh: tuple[int, int], longest_px: int) -> tuple[int, int]:
-    """The size of an image whose longer side is made at most so long."""
-    factor = min(1.0, longest_px / max(size_wh))
-    return max(1, round(size_wh[0] * factor)), max(1, round(size_wh[1] * factor))
-
-
-def shrunk(image: Array, longest_px: int) -> Array:
-    """An RGB image (H, W, 3) with a longer side of at most so many px, each the mean of those that it stands for."""
-    import cv2
-
-    size_wh = shrunk_wh((image.shape[1], image.shape[0]), longest_px)
-    return np.asarray(cv2.resize(image, size_wh, interpolation=cv2.INTER_AREA))
-
-
-def jpeg_of(image: Array, quality: int = 75) -> bytes:
-    """An RGB image (H, W, 3) as JPEG; quality 1 to 100."""
-    import cv2
-
-    _, encoded = cv2.imencode(".jpg", cv2.cvtColor(image, cv2.COLOR_RGB2BGR), [cv2.IMWRITE_JPEG_QUALITY, quality])
-    return encoded.tobytes()
-
 
 TIMES_FILE = "timestamps.csv"
 # times are int64 nanoseconds, and an offset comes on top

@@ -10,7 +10,7 @@ from videos import ScriptedSource
 
 from posefuse.core import InputError, SourceError
 from posefuse.core.depth import DepthImage, DepthNoise
-from posefuse.formats.images import ABOUT_FILE, DepthFolder, depth_name, write_depth
+from posefuse.formats.image_folders import ABOUT_FILE, DepthFolder, depth_name, write_depth
 from posefuse.sources import DepthSource
 
 NOISE = DepthNoise(focal_px=640, baseline_m=0.095)
