@@ -146,21 +146,8 @@ def test_models_can_be_checked_without_a_network(tmp_path: Path, monkeypatch: py
         (["simulate", "rig.toml", "--out", "x"], "rig.toml: this is another kind of file: expected keys among duration_s, "),
         (["models", "--from", "none"], "none: no such archive, model file or folder"),
         (
-            [
-                "calibrate",
-                "print",
-                "--target",
-                "chessboard",
-                "--columns",
-                "5",
-                "--rows",
-                "7",
-                "--square-mm",
-                "30",
-                "--out",
-                "a.pdf",
-            ],
-            "posefuse calibrate print: a plain chessboard",
+            ["calibrate", "print", "--columns", "5", "--out", "a.pdf"],
+            "calibrate print: target charuco: missing --rows N",
         ),
     ],
 )

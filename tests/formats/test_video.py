@@ -17,7 +17,7 @@ from hypothesis import strategies as st
 from posefuse.core import InputError
 from posefuse.core.depth import DepthImage
 from posefuse.core.frames import Pixels
-from posefuse.formats.video import DecodedPixels, PixelConverter, VideoWriter, join_videos
+from posefuse.formats.video import DecodedPixels, PixelConverter, VideoWriter
 from posefuse.sources import FramesAhead, VideoConfig
 from posefuse.sources.live import PacedVideoConfig
 from posefuse.sources.video import ticks_ns
@@ -55,15 +55,6 @@ def test_any_size_keeps_its_size(tmp_path: Path, size_wh):
     assert [frame.image.shape for frame in frames] == [(size_wh[1], size_wh[0], 3)] * 2
 
 
-def test_joined_parts_are_all_frames_at_their_times(tmp_path: Path):
-    t_ns = 700_207_000 + np.arange(9) * 33_333_000
-    _write(tmp_path / "0.mp4", t_ns[:4])
-    _write(tmp_path / "1.mp4", t_ns[4:5], first=4)
-    _write(tmp_path / "2.mp4", t_ns[5:], first=5)
-    join_videos([tmp_path / f"{i}.mp4" for i in range(3)], tmp_path / "all.mp4")
-    _same(tmp_path / "all.mp4", t_ns)
-
-
 def test_same_frames_same_bytes(tmp_path: Path):
     for name in ("a.mp4", "b.mp4"):
         _write(tmp_path / name, np.arange(70) * 33_000_000)
@@ -81,7 +72,6 @@ def test_wrong_frames_and_times_are_refused(tmp_path: Path):
 def test_files_that_cannot_be_are_named(tmp_path: Path):
     refusal(InputError, "nowhere", VideoWriter, tmp_path / "nowhere" / "a.mp4", (96, 64), 30.0)
     (tmp_path / "text.mp4").write_text("no video")
-    refusal(InputError, "cannot be joined", join_videos, [tmp_path / "text.mp4"], tmp_path / "all.mp4")
 
 
 STEP = 12

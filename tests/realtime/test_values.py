@@ -380,7 +380,7 @@ def test_options_that_cannot_be_are_one_line_before_anything_starts(
 @pytest.mark.parametrize("people", [False, True])
 def test_a_report_is_suggested_only_where_a_person_was_tracked(people, tmp_path, monkeypatch, capsys) -> None:
     (record := tmp_path / "walk.mcap").touch()
-    run = LiveRun(figures={"videos": {}}, stopped_by="", failed=False, people=people, poses=9, blocks=())
+    run = LiveRun(figures={"videos": {}}, stopped_by="", failed=False, people=people, blocks=())
     monkeypatch.setattr("posefuse.track_live", lambda *_, **options: run)
     assert cli.main(["live", "rig.toml", "--source", "sim:none", "--record", str(record)]) == (0 if people else NO_PERSON_CODE)
     assert ("posefuse report" in capsys.readouterr().err) == people

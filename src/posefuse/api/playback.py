@@ -64,9 +64,6 @@ def _in_time(recording: core.Recording, session: Session) -> Iterator[Input]:
             yield replace(entry, settings=replace(entry.settings, offset_s=offset_s, drift_ppm=0.0))
 
 
-JPEG_QUALITY = 75
-
-
 @dataclass(frozen=True, eq=False, kw_only=True)
 class PlaybackStep:
     """One camera at one time.
@@ -146,19 +143,19 @@ class Playback(Closing, Generic[R]):
         detected_px, projected_px = ((xy + 0.5) * scale - 0.5 for xy in (detected, projected))
         return PlaybackStep(
             t_ns=shown_ns,
-            jpeg=jpeg_of(tile, JPEG_QUALITY),
+            jpeg=jpeg_of(tile),
             size_wh=(tile.shape[1], tile.shape[0]),
             detected_px=detected_px,
             projected_px=projected_px,
         )
 
-    def tile_jpeg(self, camera: str, t_ns: int, width_px: int, *, quality: int = JPEG_QUALITY) -> bytes:
+    def tile_jpeg(self, camera: str, t_ns: int, width_px: int) -> bytes:
         """What a camera saw nearest to a time with skeletons and detections on top, on plain ground without a frame."""
         i, c = self.step_at(t_ns), self.cameras.index(camera)
         found = self._image(camera, t_ns)
         image = None if found is None else found[1]
         size_wh = self.recording.rig.cameras[c].size_wh if image is None else (image.shape[1], image.shape[0])
-        return jpeg_of(view_tile(self.recording, i, c, image, _tile_wh(size_wh, width_px), notes=False), quality)
+        return jpeg_of(view_tile(self.recording, i, c, image, _tile_wh(size_wh, width_px), notes=False))
 
     def close(self) -> None:
         """Release the videos."""

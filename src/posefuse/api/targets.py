@@ -79,7 +79,8 @@ def _described(settings: Mapping[str, Any]) -> Target:
     described = settings_from_mapping(settings, TargetDescription, where="target")
 
     def missing(names: Any) -> InputError:
-        return InputError(f"target {described.kind}: missing {', '.join(f'`{name}=MM`' for name in names)}")
+        lacking = ", ".join(f"`{name}={'MM' if name.endswith('_mm') else 'N'}`" for name in names)
+        return InputError(f"target {described.kind}: missing {lacking}")
 
     return described_target(described, missing)
 

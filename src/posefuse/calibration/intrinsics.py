@@ -13,17 +13,17 @@ from typing import Any
 import cv2
 import numpy as np
 
-from posefuse.calibration.report import LIMITS, CalibrationReport, Check
+from posefuse.calibration.geometry import one_opencv_thread
+from posefuse.calibration.report import LIMITS, CalibrationReport, Check, RefusedCalibration
 from posefuse.calibration.targets.corners import CornerObservations
 from posefuse.calibration.targets.coverage import coverage
-from posefuse.calibration.targets.kinds import BOARD_PATCH, LEAST_CORNERS, Target, check_board, in_a_plane
-from posefuse.core import SE3, CalibrationError, Camera
+from posefuse.calibration.targets.kinds import BOARD_PATCH, LEAST_CORNERS, LEAST_VIEWS, Target, check_board, in_a_plane
+from posefuse.core import SE3, Camera
 from posefuse.core.arrays import Array, freeze_fields
 
 PARAMETERS = ("fx", "fy", "cx", "cy", "k1", "k2", "p1", "p2", "k3")
 
 _MOST_VIEWS = 40
-_LEAST_VIEWS = 4
 _LEAST_SHARPNESS = 0.4
 _OUTLIER_RATIO = 2.5
 _SIGNIFICANT = 3.0
@@ -74,23 +74,24 @@ def calibrate_intrinsics(observations: CornerObservations, target: Target) -> In
     """Intrinsics of the one camera in `observations`.
 
     Raises:
-        CalibrationError: too few views, a target that cannot serve, or (as RefusedCalibration, with the report) a check that does
-            not hold.
+        CalibrationError: a target that cannot serve. RefusedCalibration: too few views, or a check that does not hold.
     """
     (name,), (size_wh,) = observations.cameras, observations.sizes_wh
     check_board(target)
     views = _views(observations, target)
-    if len(views) < _LEAST_VIEWS:
-        raise CalibrationError(
-            f"camera {name}: expected at least {_LEAST_VIEWS} views with {LEAST_CORNERS} corners or more, got {len(views)}"
-            f" in {observations.frame_count[0]} frames; show the board from more places and slants"
+    if len(views) < LEAST_VIEWS:
+        detail = (
+            f"expected at least {LEAST_VIEWS} views with {LEAST_CORNERS} corners or more, got {len(views)}"
+            f" in {observations.frame_count[0]} frames"
         )
+        few = Check("target seen", False, detail, "show the board from more places and slants")
+        raise RefusedCalibration(CalibrationReport(f"camera {name}", (few,)))
     views = _spread(_sharp(views))
     solved = _solve(views, size_wh)
     # a view that fits far worse than the others was blurred or wrongly detected
     good = solved.view_rms_px <= _OUTLIER_RATIO * np.median(solved.view_rms_px)
     dropped = int((~good).sum())
-    if dropped and good.sum() >= _LEAST_VIEWS:
+    if dropped and good.sum() >= LEAST_VIEWS:
         views = [view for view, keep in zip(views, good, strict=True) if keep]
         solved = _solve(views, size_wh)
     return _result(name, size_wh, observations, views, solved, dropped)
@@ -126,7 +127,7 @@ def _sharp(views: list[_View]) -> list[_View]:
     if not np.isfinite(sharpness).any():
         return views
     keep = sharpness >= _LEAST_SHARPNESS * np.nanmedian(sharpness)
-    return [view for view, ok in zip(views, keep, strict=True) if ok] if keep.sum() >= _LEAST_VIEWS else views
+    return [view for view, ok in zip(views, keep, strict=True) if ok] if keep.sum() >= LEAST_VIEWS else views
 
 
 def _spread(views: list[_View]) -> list[_View]:
@@ -166,12 +167,13 @@ def _solve(views: list[_View], size_wh: tuple[int, int]) -> _Solved:
 
 def _solve_model(views: list[_View], size_wh: tuple[int, int], flags: int) -> _Solved:
     calibrate: Any = cv2.calibrateCameraExtended  # whose stubs forbid None where the documentation asks for it
-    rms, K, distortion, rotvec, xyz, sigma, _, per_view = calibrate(
-        [view.xyz.astype(np.float32) for view in views],
-        [view.xy.astype(np.float32).reshape(-1, 1, 2) for view in views],
-        size_wh, None, None, flags=flags,
-        criteria=(cv2.TERM_CRITERIA_EPS + cv2.TERM_CRITERIA_MAX_ITER, 200, 1e-10),
-    )  # fmt: skip
+    with one_opencv_thread():
+        rms, K, distortion, rotvec, xyz, sigma, _, per_view = calibrate(
+            [view.xyz.astype(np.float32) for view in views],
+            [view.xy.astype(np.float32).reshape(-1, 1, 2) for view in views],
+            size_wh, None, None, flags=flags,
+            criteria=(cv2.TERM_CRITERIA_EPS + cv2.TERM_CRITERIA_MAX_ITER, 200, 1e-10),
+        )  # fmt: skip
     errors = np.asarray(sigma).ravel()[:9]
     return _Solved(
         K=np.asarray(K),

@@ -27,7 +27,7 @@ from posefuse.foundation.output_file import atomic_file
 from posefuse.foundation.platform import display
 from posefuse.foundation.settings import settings
 
-from .drawing import DETECTION_RGB, bone_colours, jpeg_of, keypoint_colours, shrunk_wh
+from .drawing import DETECTION_RGB, bone_colours, jpeg_of, keypoint_colours, shrunk, shrunk_wh
 from .facts import provenance
 from .frames import Frames, FrameSets, ImageOutput, ShowStep, write_outputs
 
@@ -183,9 +183,6 @@ def _bone_rgb(skeleton: Skeleton) -> Array:
     return np.array(bone_colours(skeleton), np.uint8).reshape(-1, 3)
 
 
-_JPEG_QUALITY = 75
-
-
 @settings
 class RerunSink(ImageOutput):
     """``recording.rrd``, opens with ``rerun recording.rrd`` or ``posefuse view DIR``.
@@ -291,7 +288,7 @@ class _Logged:
 
         recording, camera = self._recording, self._cameras[c]
         if self._image_px:
-            image = None if frame is None else _jpeg(frame.image, camera.size_wh)
+            image = None if frame is None else jpeg_of(shrunk(frame.image, self._image_px))
             blank = rr.Clear(recursive=False) if image is None else rr.EncodedImage(contents=image, media_type="image/jpeg")
             self._stream.log(f"{camera_path(camera.name)}/image", blank)
         scale = np.array(camera.size_wh) / recording.rig.cameras[c].size_wh
@@ -316,12 +313,6 @@ def _below() -> list[Any]:
 def _shown(camera: Camera, longest_px: int) -> Camera:
     """The camera for the stored images, never enlarged."""
     return camera.scaled(shrunk_wh(camera.size_wh, longest_px)) if longest_px else camera
-
-
-def _jpeg(image: Array, size_wh: tuple[int, int]) -> bytes:
-    import cv2
-
-    return jpeg_of(cv2.resize(image, size_wh, interpolation=cv2.INTER_AREA), _JPEG_QUALITY)
 
 
 def _mean_over_keypoints(values: Array) -> Array:

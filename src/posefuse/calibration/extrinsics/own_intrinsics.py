@@ -8,6 +8,7 @@ from dataclasses import replace
 import cv2
 import numpy as np
 
+from posefuse.calibration.geometry import one_opencv_thread
 from posefuse.calibration.report import LIMITS, Check
 from posefuse.calibration.targets.corners import CornerObservations
 from posefuse.calibration.targets.coverage import ENOUGH_SHARE, coverage
@@ -108,5 +109,6 @@ def _start(observations: CornerObservations, c: int, target: Target) -> Camera:
     K = np.array([[0.9 * size[0], 0, (size[0] - 1) / 2], [0, 0.9 * size[0], (size[1] - 1) / 2], [0, 0, 1]])
     flags = cv2.CALIB_USE_INTRINSIC_GUESS | cv2.CALIB_FIX_PRINCIPAL_POINT | cv2.CALIB_FIX_ASPECT_RATIO
     flags |= cv2.CALIB_FIX_K1 | cv2.CALIB_FIX_K2 | cv2.CALIB_FIX_K3 | cv2.CALIB_ZERO_TANGENT_DIST
-    found: Array = cv2.calibrateCamera(points, pixels, size, K, np.zeros(5), flags=flags)[1]
+    with one_opencv_thread():
+        found: Array = cv2.calibrateCamera(points, pixels, size, K, np.zeros(5), flags=flags)[1]
     return Camera(name=name, size_wh=size, K=found, cam_from_world=SE3.identity(), distortion=np.zeros(5))
