@@ -16,7 +16,7 @@ from posefuse.core import Camera
 from posefuse.core.arrays import Array
 
 from .pipeline import Solved
-from .prop_solve import PropSolution
+from .prop_solve import PropSolution, SolvedRig
 
 IN_STEP = "cameras are synchronised"
 _FREE_FOCAL, _FREE_LENS = 0.2, (10.0, 10.0, 0.05, 0.05)
@@ -168,6 +168,13 @@ class LensChange:
                 f"{sigma:.1f} px, limit {limit:.1f}",
             )
         return f"{self.cameras[camera].name}'s {said} (standard error {error})"
+
+
+def focal_change(free: SolvedRig) -> tuple[Array, Array]:
+    """(C,) by which share each camera's focal length would rather be longer than given, and standard errors."""
+    slope = 0.5 / np.array([camera.K[0, 0] for camera in free.cameras])
+    covariance = free.solution.lens_covariance[:, :2, :2].sum(axis=(1, 2))
+    return slope * free.solution.state.lens_delta[:, :2].sum(axis=1), slope * np.sqrt(covariance)
 
 
 def lens_change(solved: Solved, free: Solved) -> LensChange:
