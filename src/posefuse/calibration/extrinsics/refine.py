@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from posefuse.calibration.clocks.paths import apart
 from posefuse.calibration.clocks.person_tracks import MIN_SCORE, limb_keypoints
 from posefuse.calibration.geometry import angle_between, poses_of
 from posefuse.calibration.settings import RefineSettings
@@ -58,7 +59,7 @@ def refined_extrinsics(rig: Rig, views: ViewSequence, chosen: RefineSettings | N
     chosen = chosen or RefineSettings()
     if views.camera_names != rig.names:
         raise InputError(f"refined_extrinsics: expected views of cameras {rig.names}, got {views.camera_names}")
-    steps = _apart(views.t_ns)
+    steps = evenly(apart(views.t_ns, round(_EVERY_S * 1e9)), _MOST_STEPS)
     limbs = limb_keypoints(views.skeleton.keypoints)
     rows, xyz, there = _rows(rig, views, steps, limbs)
     if not len(xyz):
@@ -126,16 +127,6 @@ def _repeated(xyz: Array, names: list[str], chosen: RefineSettings) -> float:
         counts.append(np.exp(-(away**2 + turned**2) / 2).sum(axis=1))
     each = np.concatenate(counts)
     return len(each) / float((1 / each).sum())
-
-
-def _apart(t_ns: Array) -> Array:
-    """Indices of time steps far enough apart, not too many, spread over all of time."""
-    every_ns, last, chosen = round(_EVERY_S * 1e9), None, []
-    for i, t in enumerate(t_ns.tolist()):
-        if last is None or t - last >= every_ns:
-            chosen.append(i)
-            last = t
-    return evenly(np.array(chosen), _MOST_STEPS)
 
 
 def _spread(residual: Array) -> float:
