@@ -19,7 +19,7 @@ from videos import ScriptedSource
 
 import posefuse as pf
 from posefuse.calibration.clocks.person_tracks import PersonTrack, person_tracks, prominent
-from posefuse.calibration.extrinsics.freedoms import focal_change
+from posefuse.calibration.extrinsics.prop_solve import focal_change
 from posefuse.calibration.extrinsics.world import floor_from_feet
 from posefuse.calibration.geometry import poses_of
 from posefuse.calibration.person.bundle import let_free, solve_person_bundle

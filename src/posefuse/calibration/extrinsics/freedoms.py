@@ -174,20 +174,13 @@ class LensChange:
         return f"{self.cameras[camera].name}'s {said} (standard error {error})"
 
 
-def focal_change(free: SolvedRig) -> tuple[Array, Array]:
-    """(C,) by which share each camera's focal length would rather be longer than given, and standard errors."""
-    slope = 0.5 / np.array([camera.K[0, 0] for camera in free.cameras])
-    covariance = free.solution.lens_covariance[:, :2, :2].sum(axis=(1, 2))
-    return slope * free.solution.state.lens_delta[:, :2].sum(axis=1), slope * np.sqrt(covariance)
-
-
 def lens_change(solved: Solved, free: Solved) -> LensChange:
     """How the intrinsics of `free` differ from those of the same solve with them held."""
     cameras, seen = solved.cameras, solved.seen
     focal_px = np.array([camera.K[0, 0] for camera in cameras])
     delta = free.solution.state.lens_delta - solved.solution.state.lens_delta
     covariance = free.solution.lens_covariance
-    rim = np.array([rim_radius(camera, seen.xy_img[seen.camera == i]) for i, camera in enumerate(cameras)])
+    rim = np.array([_rim_radius(camera, seen.xy_img[seen.camera == i]) for i, camera in enumerate(cameras)])
     slope = np.zeros((2, len(cameras), 6))
     slope[0, :, :2] = 0.5 / focal_px[:, None]
     slope[1, :, 4], slope[1, :, 5] = focal_px * rim**3, focal_px * rim**5
@@ -202,7 +195,7 @@ def lens_change(solved: Solved, free: Solved) -> LensChange:
     )  # fmt: skip
 
 
-def rim_radius(camera: Camera, xy_img: Array) -> float:
+def _rim_radius(camera: Camera, xy_img: Array) -> float:
     """Radius on the ideal image plane within which most of the points lie."""
     if len(xy_img) == 0:
         return 0.0

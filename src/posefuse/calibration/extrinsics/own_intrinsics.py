@@ -15,7 +15,7 @@ from posefuse.calibration.targets.coverage import ENOUGH_SHARE, coverage
 from posefuse.calibration.targets.kinds import Target
 from posefuse.core import SE3, CalibrationError, Camera
 
-from .freedoms import rim_radius
+from .freedoms import lens_change
 from .pipeline import TIME_STEPS, Options, RigTask, Solved, solve, starting_clocks
 
 # views of one patch that start a camera, and the least that can
@@ -60,16 +60,11 @@ def cameras_of(observations: CornerObservations, target: Target, options: Option
 
 def check_carried(observations: CornerObservations, solved: Solved) -> Check:
     """The recording determines the intrinsics: near and far, over the image, and by the standard errors of the solve."""
-    seen, solution = solved.seen, solved.solution
-    share = coverage(observations).share
+    share, sigma = coverage(observations).share, lens_change(solved, solved).sigma
     distance_m, problems = solved.distance_m, []
     for c, camera in enumerate(solved.cameras):
-        sigma = np.sqrt(np.diag(solution.lens_covariance[c]))
-        focal = float(np.hypot(sigma[0], sigma[1]) / np.sqrt(2) / camera.K[0, 0])
-        rim = rim_radius(camera, seen.xy_img[seen.camera == c])
-        slope = camera.K[0, 0] * np.array([rim**3, rim**5])
-        bend_px = float(np.sqrt(slope @ solution.lens_covariance[c][4:, 4:] @ slope)) * 1000 / max(camera.size_wh)
-        near, far = np.quantile(distance_m[seen.camera == c], [0.05, 0.95])
+        focal, bend_px = sigma[c, 0], sigma[c, 2] * 1000 / max(camera.size_wh)
+        near, far = np.quantile(distance_m[solved.seen.camera == c], [0.05, 0.95])
         rules = (
             (share[c] < ENOUGH_SHARE, f"its image is covered by {share[c]:.0%} (needed {ENOUGH_SHARE:.0%})"),
             (far < LIMITS.own_depth_ratio * near,

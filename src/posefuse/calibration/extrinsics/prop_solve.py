@@ -7,6 +7,7 @@ keypoint of a person at a time step, is a prop of one corner, which has a place 
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any, Self
 
@@ -182,6 +183,19 @@ class SolvedRig:
         seen = seen.rows(np.ones(len(part), bool))
         cameras, solution = tuple(self.cameras[i] for i in every), replace(self.solution, state=start)
         return replace(self, cameras=cameras, seen=seen, solution=solution).again()
+
+
+def focal_change(free: SolvedRig) -> tuple[Array, Array]:
+    """(C,) by which share each camera's focal length would rather be longer than given, and standard errors."""
+    slope = 0.5 / np.array([camera.K[0, 0] for camera in free.cameras])
+    covariance = free.solution.lens_covariance[:, :2, :2].sum(axis=(1, 2))
+    return slope * free.solution.state.lens_delta[:, :2].sum(axis=1), slope * np.sqrt(covariance)
+
+
+def focal_sigma(cameras: Sequence[Camera], share: float) -> Array:
+    """(6,) standard errors of `LENS_PARAMETERS` that let the focal lengths alone free, known to a share of them."""
+    focal_px = share * float(np.mean([camera.K[0, 0] for camera in cameras]))
+    return np.array([focal_px, focal_px, 0, 0, 0, 0])
 
 
 def solve_prop(

@@ -7,7 +7,7 @@ from dataclasses import replace
 import cv2
 import numpy as np
 
-from posefuse.calibration.extrinsics.prop_solve import KEYPOINTS, POINT, Freedom, PropState, SolvedRig, solve_prop
+from posefuse.calibration.extrinsics.prop_solve import KEYPOINTS, POINT, Freedom, PropState, SolvedRig, focal_sigma, solve_prop
 from posefuse.calibration.extrinsics.snapshots import Snapshots
 from posefuse.calibration.extrinsics.world import triangulate_linear
 from posefuse.calibration.geometry import Poses, stacked
@@ -107,8 +107,7 @@ _SPEED_S = 0.1
 
 def let_free(solved: SolvedRig, *, focal: bool = False, drift: bool = False) -> SolvedRig:
     """Solved once more from here, with every camera's clock free, and on request its focal length and its clock's rate."""
-    focal_px = _FREE_FOCAL * float(np.mean([camera.K[0, 0] for camera in solved.cameras]))
-    lens_sigma = np.array([focal_px, focal_px, 0, 0, 0, 0]) if focal else None
+    lens_sigma = focal_sigma(solved.cameras, _FREE_FOCAL) if focal else None
     return solved.again(offset=True, drift=drift, lens_sigma=lens_sigma)
 
 

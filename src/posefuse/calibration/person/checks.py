@@ -8,8 +8,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from posefuse.calibration.clocks.sync import person_seen
-from posefuse.calibration.extrinsics.freedoms import check_clocks, focal_change
-from posefuse.calibration.extrinsics.prop_solve import SolvedRig
+from posefuse.calibration.extrinsics.freedoms import check_clocks
+from posefuse.calibration.extrinsics.prop_solve import SolvedRig, focal_change
 from posefuse.calibration.report import Check
 from posefuse.core import CalibrationError, Camera, Skeleton
 from posefuse.core.arrays import Array
