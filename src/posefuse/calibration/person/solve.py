@@ -323,4 +323,5 @@ def _left(free: SolvedRig, middle_s: float) -> ClockEstimate:
     delay_s, sigma = free.solution.state.delay_s, free.solution.delay_sigma_s
     apart, sigma = delay_s - delay_s[0], np.hypot(sigma, sigma[0])
     sigma[0] = 0
-    return ClockEstimate(*apart.T, *sigma.T, middle_s)
+    (offset_s, drift), (offset_sigma_s, drift_sigma) = apart.T, sigma.T
+    return ClockEstimate(offset_s, drift, offset_sigma_s, drift_sigma, middle_s)
