@@ -186,10 +186,16 @@ class SolvedRig:
 
 
 def focal_change(free: SolvedRig) -> tuple[Array, Array]:
-    """(C,) by which share each camera's focal length would rather be longer than given, and standard errors."""
-    slope = 0.5 / np.array([camera.K[0, 0] for camera in free.cameras])
-    covariance = free.solution.lens_covariance[:, :2, :2].sum(axis=(1, 2))
-    return slope * free.solution.state.lens_delta[:, :2].sum(axis=1), slope * np.sqrt(covariance)
+    """(C,) by which share each camera's focal length would rather be longer than given, and standard errors; 0 where held.
+
+    As of one that both axes share: a person who walks hardly shows the upright one by itself.
+    """
+    focal_px = np.array([camera.K[0, 0] for camera in free.cameras])[:, None]
+    change = free.solution.state.lens_delta[:, :2] / focal_px
+    weight = np.linalg.pinv(free.solution.lens_covariance[:, :2, :2] / focal_px[..., None] ** 2, hermitian=True).sum(axis=2)
+    known = np.maximum(weight.sum(axis=1), 1e-300)
+    sigma = np.where(weight.any(axis=1), 1 / np.sqrt(known), 0.0)
+    return (weight * change).sum(axis=1) / known, sigma
 
 
 def focal_sigma(cameras: Sequence[Camera], share: float) -> Array:

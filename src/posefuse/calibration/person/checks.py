@@ -211,10 +211,9 @@ def _split(solved: SolvedRig, c: int) -> _Split:
     rows = solved.seen
     mine = np.flatnonzero(rows.camera == c)
     since_s = rows.t_s[rows.time_step[mine]]
-    order = np.argsort(since_s, kind="stable")
-    stretch = np.empty(len(mine), np.int64)
-    stretch[order] = np.arange(len(mine)) * _STRETCHES // max(len(mine), 1)
-    free = _with_poses(solved, c, mine, stretch)
+    stretch = np.zeros(len(rows.camera), np.int64)
+    stretch[mine[np.argsort(since_s, kind="stable")]] = np.arange(len(mine)) * _STRETCHES // max(len(mine), 1)
+    free = solved.with_camera_apart(c, stretch)
     poses = free.solution.state.cam_from_world[np.r_[c, len(solved.cameras) : len(free.cameras)]]
     seen = free.solution.state.world_from_prop.t[rows.time_step[mine[:: max(1, len(mine) // _MOST_COMPARED)]]]
     xy = np.stack([replace(camera, cam_from_world=poses[i].se3()).project(seen) for i in range(len(poses))])
@@ -222,17 +221,10 @@ def _split(solved: SolvedRig, c: int) -> _Split:
     ratio, first, last, step_px = _largest_step(xy, _LEAST_RAD * focal_px)
     edges = np.sort(since_s)[np.arange(1, _STRETCHES) * len(mine) // _STRETCHES] if len(mine) else np.zeros(_STRETCHES - 1)
     at_s = float(edges[first - 1 : last].mean())
-    two = _with_poses(solved, c, mine, (since_s >= at_s).astype(np.int64))
+    two = solved.with_camera_apart(c, ((rows.camera == c) & (rows.t_s[rows.time_step] >= at_s)).astype(np.int64))
     words = (f"{camera.name} was moved at about {at_s - rows.t_s.min():.0f} s, its view by"
              f" {np.rad2deg(step_px / focal_px):.1f} deg")  # fmt: skip
     return _Split(c, two, words, ratio, _cost(two, solved.solution.sigma_px))
-
-
-def _with_poses(solved: SolvedRig, c: int, mine: Array, part: Array) -> SolvedRig:
-    """The solve again with another pose of camera c for each part (n,) of its rows `mine` (n,) but the first."""
-    of_all = np.zeros(len(solved.seen.camera), np.int64)
-    of_all[mine] = part
-    return solved.with_camera_apart(c, of_all)
 
 
 def _largest_step(xy: Array, least_px: float) -> tuple[float, int, int, float]:
