@@ -17,7 +17,7 @@ from posefuse.core.skeleton import ANATOMICAL23
 from posefuse.formats.npz import read_arrays
 from posefuse.formats.rig import read_rig
 from posefuse.formats.truth import read_truth
-from posefuse.formats.video import VideoWriter, read_video
+from posefuse.formats.video import VideoWriter
 from posefuse.foundation.output_folder import MARK_FILE, find_unfinished
 from posefuse.sources.images import ImagesConfig
 from posefuse.sources.video import VideoConfig
@@ -259,8 +259,8 @@ def test_joined_parts_are_all_frames_at_their_times(tmp_path: Path) -> None:
             for i in frames:
                 writer.write(np.full((64, 96, 3), greys[i], np.uint8), int(t_ns[i]))
     sessions.join_videos(parts, tmp_path / "all.mp4")
-    read = list(read_video(tmp_path / "all.mp4"))
-    np.testing.assert_allclose([t for t, _ in read], t_ns, atol=501)
-    np.testing.assert_allclose([image.mean() for _, image in read], greys, atol=4)
+    read = list(VideoConfig(tmp_path / "all.mp4", "cam").build().frames())
+    np.testing.assert_allclose([frame.t_ns for frame in read], t_ns, atol=501)
+    np.testing.assert_allclose([frame.image.mean() for frame in read], greys, atol=4)
     (tmp_path / "text.mp4").write_text("no video")
     refusal(InputError, "cannot be joined", sessions.join_videos, [tmp_path / "text.mp4"], tmp_path / "other.mp4")
