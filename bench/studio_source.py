@@ -21,8 +21,8 @@ import numpy as np
 
 from posefuse.core.joint_angles import angle_labels
 from posefuse.formats.truth import read_truth
-from posefuse.formats.video import read_video
 from posefuse.pipeline.session import clip_folder
+from posefuse.sources import VideoConfig
 from posefuse_studio.jobs import JOBS_FOLDER, LIVE, Job
 from posefuse_studio.scene_messages import image_message, page_message, poses_message, setup_message
 from posefuse_studio.session import CameraStatus, Host, SessionStatus
@@ -37,8 +37,8 @@ _SIGMA_M = 0.01
 def images_of(video: Path, most: int) -> list[bytes]:
     """The first frames as the live session's small images."""
     found = []
-    for _, image in itertools.islice(read_video(video), most):
-        small: Any = cv2.resize(image, _SHOWN_WH, interpolation=cv2.INTER_AREA)
+    for frame in itertools.islice(VideoConfig(video, video.stem).build().frames(), most):
+        small: Any = cv2.resize(frame.image, _SHOWN_WH, interpolation=cv2.INTER_AREA)
         _, jpeg = cv2.imencode(".jpg", cv2.cvtColor(small, cv2.COLOR_RGB2BGR), [cv2.IMWRITE_JPEG_QUALITY, 70])
         found.append(jpeg.tobytes())
     return found

@@ -29,7 +29,7 @@ def _varied(session: Session, number: int, seed: int) -> tuple[CornerObservation
     seconds, rate_hz = random.uniform(20, 60), random.choice([10.0, 15.0, 20.0, 30.0])
     motion = replace(session.motion, seconds=float(seconds), rate_hz=float(rate_hz), reach_m=tuple(reach), swings_hz=0.3)
     seen = session.watch(
-        motion=motion, noise_px=float(random.uniform(0.08, 0.8)), missed=float(random.uniform(0.02, 0.4)), delay_s=tuple(late)
+        motion=motion, noise_px=float(random.uniform(0.04, 0.8)), missed=float(random.uniform(0.02, 0.4)), delay_s=tuple(late)
     )
     return _with_uneven_exposure(session, seen, motion.rate_hz, float(random.uniform(0, 2e-3)), random), clocks
 

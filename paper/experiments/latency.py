@@ -21,11 +21,12 @@ import numpy as np
 from paper.scenes import paper
 from paper.scenes.scenes import walking_scene
 from posefuse.core import Array, SourceError
-from posefuse.formats import read_rig, read_video
+from posefuse.formats import read_rig
 from posefuse.formats.page import Block, Heading, Note, Plot, Plots, Spikes, Table
 from posefuse.foundation import usable_cores
 from posefuse.outputs.live import JsonConfig
 from posefuse.realtime import LiveConfig, LivePlan, ViewTimes, inputs_from_arguments, run_live
+from posefuse.sources import VideoConfig
 from posefuse_sim import Scene, SessionPaths
 from tools.page_marks import processor
 
@@ -78,8 +79,9 @@ def processor_of(device: str) -> str:
 
 def decode_ms(film: Path) -> float:
     """Mean time per image of decoding the first images of a video, with nothing else to do."""
+    frames = VideoConfig(film, film.stem, threads=False).build().frames()
     began_s = time.perf_counter()
-    count = sum(1 for _ in itertools.islice(read_video(film), _DECODED))
+    count = sum(1 for frame in itertools.islice(frames, _DECODED) if frame.image.size)
     return 1000 * (time.perf_counter() - began_s) / max(count, 1)
 
 

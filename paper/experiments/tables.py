@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from contextlib import closing
 from typing import Any
 
 import numpy as np
@@ -12,7 +11,7 @@ from paper.scenes.paper import Column
 from posefuse.core import PAPER14, Array, PoseSequence, pick_keypoints
 from posefuse.evaluation import JointErrors, true_xyz_at
 from posefuse.formats.page import Line, Plot
-from posefuse.sources import VideoConfig, VideoSeeker, nearest
+from posefuse.sources import Seeker, VideoConfig, nearest
 from posefuse_sim import SessionPaths
 
 from .runs import Run
@@ -109,6 +108,6 @@ def drawn_images(run: Run, camera: int, time_steps: Sequence[int], width_px: int
 def images_at(run: Run, camera: int, time_steps: Sequence[int]) -> dict[int, Array]:
     """What a camera saw at time steps of the recording, in their order."""
     name = run.recording.rig.names[camera]
-    with closing(VideoSeeker(VideoConfig(SessionPaths(run.folder).video(name), name))) as video:
+    with Seeker(VideoConfig(SessionPaths(run.folder).video(name), name).build()) as video:
         wanted = {i: nearest(video.times_ns, int(run.recording.poses.t_ns[i])) for i in sorted(map(int, time_steps))}
         return {i: np.array(video.at(frame).image) for i, frame in wanted.items()}

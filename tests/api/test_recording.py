@@ -169,18 +169,6 @@ def test_tables_and_curves_name_their_extra(make_recording: Make, monkeypatch: p
         refusal(DependencyError, r"install it with: pip install 'posefuse\[data\]'", call)
 
 
-def test_notebooks_show_tables(make_recording: Make) -> None:
-    recording = make_recording()
-    html = recording._repr_html_()
-    assert html.startswith(f"<b>{repr(recording).splitlines()[0]}</b><table>") and "BLAZEPOSE33" in html.upper()
-    rig = pf.Rig(recording.rig.cameras[:1] + (replace(recording.rig.cameras[1], name="<b>"),))._repr_html_()
-    assert rig.count("<tr>") == 3 and "&lt;b&gt;" in rig
-    angles = recording.joint_angles(fit="none")
-    knee = angles["left_knee", "flexion"].deg
-    cells = ("left_knee", "flexion", f"{np.nanmin(knee):.1f}", f"{np.nanmax(knee):.1f}")
-    assert "".join(f"<td>{cell}</td>" for cell in cells) in angles._repr_html_()
-
-
 # --- a rig in the hand triangulates what it projects
 
 

@@ -9,10 +9,12 @@ from pathlib import Path
 from types import SimpleNamespace
 from typing import Any, get_args
 
+import cv2
 import numpy as np
 import pytest
 from calibrating import marker_page, run
 from checks import refusal
+from commands import error
 
 import posefuse as pf
 from posefuse.api import calibrate
@@ -50,6 +52,22 @@ def test_a_printed_file_is_replaced_on_request_only(tmp_path: Path) -> None:
     assert kept.read_bytes() == before != out.read_bytes()
 
 
+@pytest.mark.parametrize("step", ["intrinsics", "extrinsics"])
+def test_a_wrong_target_file_asks_for_no_new_recording(step: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    target = Charuco(columns=5, rows=7, square_m=0.05, marker_m=0.0375)
+    page = np.pad(target.board().generateImage((250, 350)), 40, constant_values=255)
+    for name in ("cam00", "cam01"):
+        (tmp_path / name).mkdir()
+        for i in range(3):
+            cv2.imwrite(str(tmp_path / name / f"{i}.png"), np.roll(page, 2 * i, axis=1))
+    file = write_target(tmp_path / "board.toml", replace(target, columns=6))
+    words = ["calibrate", step, "--target", file, "--out", tmp_path / "rig.toml", "--report", tmp_path / "a.html"]
+    shown = error(capsys, *words, tmp_path / "cam00", tmp_path / "cam01")
+    assert "not as described: count columns and rows" in shown and "the target file states" not in shown
+    assert f"next: posefuse calibrate {step} " in shown and "files or sizes are corrected" in shown
+    assert "not as described" in (tmp_path / "a.html").read_text()
+
+
 def test_three_marked_points_are_read_and_a_wrong_key_is_named(tmp_path: Path) -> None:
     path = tmp_path / "floor.toml"
     marked = "[cameras.a]\norigin = [10, 20]\nx = [30.5, 20]\ny = [12, 5]\n[cameras.b]\nx = [7, 8]\n"
@@ -74,7 +92,12 @@ EXTRINSICS = "extrinsics --target cube.toml --intrinsics lenses.toml --out rig.t
     [
         ("print --cube --out face.pdf", InputError, "target markers: missing `marker_mm=MM`"),
         ("print --cube --marker-mm 120 --out none/cube.pdf", InputError, r"out .*: there is no folder .*none"),
-        ("print --target chessboard --columns 5 --rows 7 --square-mm 30 --out a.pdf", InputError, "chessboard is not offered"),
+        ("print --square-mm 30 --marker-mm 20 --out a.pdf", InputError, "target charuco: missing `columns=N`, `rows=N`"),
+        (
+            "print --target chessboard --columns 5 --rows 7 --square-mm 30 --out a.pdf",
+            WrongCommandLineError,
+            'Choose from: "charuco", "markers"',
+        ),
         (f"{PERSON} --height-m 1.8 cam00.mp4", InputError, "expected at least 2 cameras, got 1"),
         (f"{PERSON} --height-m 1.8 cam00.mp4 cam01=none.mp4", InputError, r"no such file or folder: .*none\.mp4"),
         (f"{PERSON} cam00.mp4 cam01=cam00.mp4", InputError, "one known length: `height_m=METRES`, or `camera_distance="),
@@ -88,6 +111,7 @@ EXTRINSICS = "extrinsics --target cube.toml --intrinsics lenses.toml --out rig.t
         ("intrinsics --target board.toml --out r.toml cam=none.mp4", InputError, "no such video or folder of images"),
         ("extrinsics --target chess.toml --out rig.toml cam00.mp4", CalibrationError, "looks the same from both ends"),
         ("verify --target chess.toml --rig lenses.toml cam00.mp4", CalibrationError, "looks the same from both ends"),
+        ("guide --target chess.toml --source cam00=video:cam00.mp4", CalibrationError, "looks the same from both ends"),
         (f"{EXTRINSICS} --floor-points none.toml", ConfigError, r"none\.toml: no such file"),
         (f"{EXTRINSICS} --floor-points a.toml --floor-marker 7", InputError, "one of the two sets the world"),
     ],
@@ -119,7 +143,7 @@ def test_lenses_and_places_from_real_footage(shared_data: Path, tmp_path: Path, 
     assert read_rig(rig).names == ("cam_0", "cam_1", "cam_2", "cam_3")
     text = page.read_text()
     assert "extrinsics: passed" in text
-    assert text.count("data:image/png;base64,") == 4
+    assert text.count("data:image/jpeg;base64,") == 4
     offsets = [f"--offset-ms=cam_{i}={figures[f'cam_{i}_offset_ms']}" for i in range(4)]
     assert run("verify", *board, "--rig", str(rig), *offsets, *videos)["length_rms_mm"] < 1.2
     refused = tmp_path / "refused.toml"

@@ -19,9 +19,10 @@ from videos import ScriptedSource
 
 import posefuse as pf
 from posefuse.calibration.clocks.person_tracks import PersonTrack, person_tracks, prominent
+from posefuse.calibration.extrinsics.prop_solve import focal_change
 from posefuse.calibration.extrinsics.world import floor_from_feet
 from posefuse.calibration.geometry import poses_of
-from posefuse.calibration.person.bundle import solve_person_bundle
+from posefuse.calibration.person.bundle import let_free, solve_person_bundle
 from posefuse.calibration.person.checks import check_standing
 from posefuse.calibration.person.scale import KnownLength
 from posefuse.calibration.person.solve import (
@@ -66,10 +67,12 @@ def test_focal_lengths_and_clocks_let_free_scatter_as_their_standard_errors_say(
     off = []
     for seed in range(4):
         views = watched(lab.rig, seconds=10.0, seed=seed)
-        free = solve_person_bundle(views, lab.rig.cameras).freed(focal=True).solution
-        held = free.terms_sigma > 0
-        assert held.sum() == 2 * len(lab.rig) - 1
-        off.append((free.state.terms / np.where(held, free.terms_sigma, 1.0))[held])
+        free = let_free(solve_person_bundle(views, lab.rig.cameras), focal=True)
+        late, late_sigma = free.solution.state.delay_s[:, 0], free.solution.delay_sigma_s[:, 0]
+        value, sigma = (np.concatenate(pair) for pair in zip(focal_change(free), (late, late_sigma), strict=True))
+        moving = sigma > 0
+        assert moving.sum() == 2 * len(lab.rig) - 1
+        off.append((value / np.where(moving, sigma, 1.0))[moving])
     # 28 standardised errors; few stretches of time make their standard errors too large rather than too small
     assert 0.3 < float(np.sqrt(np.mean(np.square(off)))) < 1.6
 

@@ -5,6 +5,7 @@ from dataclasses import replace
 from itertools import islice
 from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
 from calibrating import differences
@@ -19,7 +20,7 @@ from posefuse.calibration.person.views import person_views
 from posefuse.calibration.report import RefusedCalibration
 from posefuse.calibration.targets.corners import CornerObservations, joined
 from posefuse.calibration.targets.detection import TargetDetector, corners_from_frames, detect_corners
-from posefuse.calibration.targets.kinds import Charuco, Markers
+from posefuse.calibration.targets.kinds import LEAST_CORNERS, Charuco, Markers
 from posefuse.calibration.verify import verify
 from posefuse.core import Rig
 from posefuse.detection.build import DetectorChoice
@@ -34,14 +35,42 @@ def found(board_views: CornerObservations, reference: Rig, board: Charuco) -> Ca
     return calibrate_extrinsics(board_views, reference.cameras, board)
 
 
-def test_two_webcams_and_a_real_board(shared_data: Path, reference: Rig, board: Charuco) -> None:
-    """The short one: two cameras, the first 30 of 57 frames."""
+@pytest.fixture(scope="module")
+def two_views(shared_data: Path, board: Charuco) -> CornerObservations:
+    """The board in the first 30 of 57 frames of two cameras."""
     folder, detector = shared_data / "caliscope" / "post_optimization" / "calibration" / "extrinsic", TargetDetector(board)
     sources = [VideoConfig(folder / f"{name}.mp4", name).build() for name in ("cam_0", "cam_2")]
-    views = joined([corners_from_frames(s.camera, s.size_wh, islice(s.frames(), 30), detector) for s in sources])
-    lenses = (reference["cam_0"], reference["cam_2"])
-    found = calibrate_extrinsics(views, lenses, board, Options(clocks="offset", time_steps=30))
-    assert verify(found.rig, views, board, found.clocks.offset_s).report.numbers["length_rms_mm"] <= 1.2
+    return joined([corners_from_frames(s.camera, s.size_wh, islice(s.frames(), 30), detector) for s in sources])
+
+
+@pytest.mark.parametrize("camera", ["cam_0", "cam_2"])
+def test_corners_of_a_real_board_lie_in_a_plane(
+    camera: str, two_views: CornerObservations, reference: Rig, board: Charuco
+) -> None:
+    """OpenCV's corners are 0.13 and 0.14 px off it, over all 57 frames; these 0.06 and 0.04."""
+    seen, off_px = two_views.of_camera(camera), []
+    for t_ns in np.unique(seen.t_ns):
+        view = seen.t_ns == t_ns
+        if np.count_nonzero(view) < LEAST_CORNERS:
+            continue
+        ideal, flat = reference[camera].norm_from_px(seen.xy_img[view]), board.corners(0)[seen.corner[view], :2]
+        put = cv2.perspectiveTransform(flat[None], cv2.findHomography(flat, ideal)[0])[0]
+        off_px.append(float(np.sqrt(((put - ideal) ** 2).sum() / (ideal.size - 8))) * reference[camera].K[0, 0])
+    assert len(off_px) >= 15 and np.median(off_px) < 0.07
+
+
+def solved(views: CornerObservations, lenses: Rig, board: Charuco) -> tuple[Rig, np.ndarray]:
+    """The rig before its checks, and how late each clock is, s."""
+    task = RigTask(views, lenses.cameras, board, Options(clocks="offset"))
+    state = solve(task, starting_clocks(task)).solution.state
+    poses = state.cam_from_world.se3()
+    return Rig(tuple(replace(camera, cam_from_world=poses[i]) for i, camera in enumerate(lenses))), state.delay_s[:, 0]
+
+
+def test_two_webcams_and_a_real_board(two_views: CornerObservations, reference: Rig, board: Charuco) -> None:
+    """The checks may refuse it: the lens given for one of the two bends points at the rim by about as much as it may."""
+    rig, late_s = solved(two_views, Rig((reference["cam_0"], reference["cam_2"])), board)
+    assert verify(rig, two_views, board, late_s).report.numbers["length_rms_mm"] <= 0.5
 
 
 @pytest.mark.slow
@@ -62,10 +91,13 @@ def test_it_measures_the_board_better_than_the_reference_rig_does(
 def test_three_of_the_webcams_alone_confirm_the_rig_and_not_the_reference(
     found: Calibration, board_views: CornerObservations, reference: Rig, board: Charuco
 ) -> None:
+    """Refused all the same: corners right to 0.05 px show that stamps, or the lenses given, are not."""
     names = ("cam_0", "cam_2", "cam_3")
     views = joined([board_views.of_camera(name) for name in names])
     ours, theirs = (Rig(tuple(rig[name] for name in names)) for rig in (found.rig, reference))
-    three = calibrate_extrinsics(views, theirs.cameras, board).rig
+    with pytest.raises(RefusedCalibration) as refused:
+        calibrate_extrinsics(views, theirs.cameras, board)
+    three = refused.value.kept.rig
     assert differences(three, ours)[0].max() < 0.004
     assert differences(three, theirs)[0].max() > 0.010
     # measured as the reference was made: every frame at its stamp
@@ -81,11 +113,9 @@ def test_frames_the_rig_has_not_seen_measure_better_than_in_the_reference_which_
     fold = np.round(board_views.t_ns * 6e-9).astype(int) * 5 // 57
     ours, theirs = [], []
     for out in range(5):
-        task = RigTask(board_views.rows(fold != out), reference.cameras, board, Options(clocks="offset"))
-        state, left_out = solve(task, starting_clocks(task)).solution.state, board_views.rows(fold == out)
-        poses = state.cam_from_world.se3()
-        rig = Rig(tuple(replace(camera, cam_from_world=poses[i]) for i, camera in enumerate(reference)))
-        ours.append(verify(rig, left_out, board, state.delay_s[:, 0]).length_error_m)
+        left_out = board_views.rows(fold == out)
+        rig, late_s = solved(board_views.rows(fold != out), reference, board)
+        ours.append(verify(rig, left_out, board, late_s).length_error_m)
         theirs.append(verify(reference, left_out, board).length_error_m)
     rms_m = [np.sqrt((np.concatenate(parts) ** 2).mean()) for parts in (ours, theirs)]
     assert rms_m[0] < 1.0e-3 < rms_m[1]

@@ -1,5 +1,6 @@
 """The command line: figures as JSON on stdout and nothing else there, one line and exit 1 for a known error, 2 for a bug."""
 
+import errno
 import json
 import os
 import re
@@ -75,10 +76,9 @@ def test_doctor_is_ready_before_the_first_download(monkeypatch: pytest.MonkeyPat
 
 @pytest.mark.parametrize("system", ["win32", "darwin"])
 def test_doctor_on_systems_with_a_desktop(monkeypatch: pytest.MonkeyPatch, system: str) -> None:
-    """No DISPLAY, no /proc/cpuinfo, cameras by the names that FFmpeg lists."""
+    """No DISPLAY, cameras by the names that FFmpeg lists."""
     devices = [SimpleNamespace(name="0", description="Logitech BRIO", media_types=["video"])]
     monkeypatch.setattr("av.enumerate_input_devices", lambda kind: devices, raising=False)
-    monkeypatch.setattr(machine, "_cpu_flags", set)
     monkeypatch.delenv("DISPLAY", raising=False)
     real = machine.usable_cores
     monkeypatch.setattr("posefuse.foundation.platform.sys", SimpleNamespace(platform=system))
@@ -146,21 +146,8 @@ def test_models_can_be_checked_without_a_network(tmp_path: Path, monkeypatch: py
         (["simulate", "rig.toml", "--out", "x"], "rig.toml: this is another kind of file: expected keys among duration_s, "),
         (["models", "--from", "none"], "none: no such archive, model file or folder"),
         (
-            [
-                "calibrate",
-                "print",
-                "--target",
-                "chessboard",
-                "--columns",
-                "5",
-                "--rows",
-                "7",
-                "--square-mm",
-                "30",
-                "--out",
-                "a.pdf",
-            ],
-            "posefuse calibrate print: a plain chessboard",
+            ["calibrate", "print", "--columns", "5", "--out", "a.pdf"],
+            "calibrate print: target charuco: missing --rows N",
         ),
     ],
 )
@@ -193,6 +180,15 @@ def test_a_bug_prints_a_trace_and_exits_2(monkeypatch: pytest.MonkeyPatch, capsy
     code, _, err = run(capsys, "plugins")
     assert code == 2
     assert "Traceback" in err and "oops" in err and "bug in posefuse" in err
+
+
+@pytest.mark.parametrize(("code", "reason"), [(errno.ENOSPC, "cannot be written"), (errno.EACCES, "cannot be opened")])
+def test_what_the_machine_does_not_allow_is_one_line_and_exit_1(code: int, reason: str, monkeypatch, capsys) -> None:
+    def refused() -> Figures:
+        raise OSError(code, os.strerror(code), "session/videos")
+
+    in_place_of_plugins(monkeypatch, refused)
+    assert run(capsys, "plugins") == (1, "", f"posefuse plugins: session/videos: {reason} ({os.strerror(code)})\n")
 
 
 @pytest.mark.parametrize("request_", [signal.SIGINT, *REQUESTS_TO_END])

@@ -19,7 +19,7 @@ from posefuse.core.live_messages import LivePose, LiveStart
 from posefuse.formats.c3d import read_c3d
 from posefuse.formats.recording import read_recording
 from posefuse.formats.rig import write_rig
-from posefuse.outputs.rerun import FILE
+from posefuse.outputs.rerun import RerunSink
 from posefuse.pipeline.writing import nearby_session, session_of_recording
 from posefuse_ros.mcap_output import RecordConfig
 
@@ -165,7 +165,7 @@ def test_another_session_is_refused(study: Path, tmp_path: Path) -> None:
 
 def test_a_stored_view_is_shown_as_it_is(study: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     result = Path(shutil.copytree(study / "result", tmp_path / "stored"))
-    (result / FILE).write_bytes(b"made before")
+    (result / RerunSink.file).write_bytes(b"made before")
     shown: list[bytes] = []
     monkeypatch.setattr("posefuse.outputs.rerun.open_in_viewer", lambda path: shown.append(path.read_bytes()))
     assert main(["view", str(result)]) == 0

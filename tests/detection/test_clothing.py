@@ -54,13 +54,6 @@ def test_marks_that_are_a_little_off_change_nothing() -> None:
     assert np.allclose(with_clothing(moved, picture()).clothing_lab, with_clothing(seen, picture()).clothing_lab, atol=1e-3)
 
 
-def test_the_colour_belongs_to_the_person_and_not_to_the_place() -> None:
-    both = [with_clothing(person(shift=s), picture(s)).clothing_lab for s in (0, 120)]
-    assert np.allclose(both[0], both[1])
-    beside = with_clothing(person(shift=120), picture(0)).clothing_lab
-    assert np.allclose(beside, lab_from_srgb(WALL), atol=1e-3)
-
-
 def test_what_is_not_seen_has_no_colour() -> None:
     assert np.isnan(with_clothing(person(score=0.1), picture()).clothing_lab).all()
     assert np.isnan(with_clothing(person(shift=1000), picture()).clothing_lab).all()

@@ -87,6 +87,21 @@ def test_parts_of_one_session_that_hardly_overlap_keep_their_clock() -> None:
     assert found.errors.mpjpe_mm < 1
 
 
+@pytest.mark.parametrize("begins_s", [3.5, 4.5])
+def test_an_offset_between_parts_of_one_clock_is_doubted(begins_s: float) -> None:
+    """Parts of one session that hardly overlap, tracked with two rigs, were moved onto each other without a word."""
+    a = mover(50, 4.0)
+    doubts = {}
+    for name, other in (("part", mover(50, 4.0, begins_s)), ("whole", mover(50, 8.0)), ("late", replace(a, t_s=a.t_s + 0.5))):
+        found = compare(a, replace(other, name=name))
+        notes = [block for block in comparison_page(found).blocks if isinstance(block, Note) and block.warning]
+        doubts[name] = "".join(note.text for note in notes)
+        assert found.summary()[0] == notes[0] if notes else True
+    words = f"by their own times 50 Hz and part have {max(0.0, 4.0 - begins_s):.1f} s in common"
+    assert doubts["part"].startswith(words) and "`align_time=False`" in doubts["part"]
+    assert doubts["whole"] == doubts["late"] == ""
+
+
 def test_a_mirror_image_is_not_taken_for_a_rotation() -> None:
     points = np.random.default_rng(1).normal(size=(30, 3))
     rotation, _, _ = similarity(points * [1, 1, -1], points, scale=False)

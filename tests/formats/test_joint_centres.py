@@ -9,7 +9,6 @@ import pytest
 from checks import refusal
 
 from posefuse.core import ConfigError, JointCentres, ShapeError
-from posefuse.core.joint_centres import JOINT_DIRECTIONS, SEGMENT_ENDS
 from posefuse.detection.card import Card, read_card
 from posefuse.formats.joint_centres import joint_centres_from_mapping, joint_centres_text, read_joint_centres
 
@@ -54,21 +53,6 @@ def test_a_wrong_table_is_refused_in_one_line(tmp_path: Path, content: str, word
     message = refusal(ConfigError, "", read_joint_centres, path)
     assert "wrong.toml" in message
     assert all(word in message for word in words)
-
-
-def test_arrays_stand_in_the_order_of_directions_and_segments() -> None:
-    directions = [(joint, name) for joint, names in JOINT_DIRECTIONS.items() for name in names]
-    row, thigh, shank = directions.index(("hip", "up")), *(list(SEGMENT_ENDS).index(name) for name in ("thigh", "shank"))
-    assert TABLE.metres.shape == (len(directions),)
-    assert TABLE.metres[row] == -0.02
-    assert TABLE.metres[directions.index(("hip", "outward"))] == 0.0051
-    assert np.count_nonzero(TABLE.metres) == 3
-    assert (TABLE.usual[thigh], TABLE.usual[shank]) == (0.4, 0.39)
-    assert np.isnan(TABLE.usual).sum() == len(SEGMENT_ENDS) - 2
-    assert TABLE.slopes.shape == (len(directions), len(SEGMENT_ENDS))
-    assert (TABLE.slopes[row, thigh], TABLE.slopes[row, shank]) == (0.125, -0.5)
-    assert np.count_nonzero(TABLE.slopes) == 2
-    assert not any(array.flags.writeable for array in (TABLE.metres, TABLE.usual, TABLE.slopes))
 
 
 def test_the_value_itself_refuses_what_a_plug_in_may_get_wrong() -> None:

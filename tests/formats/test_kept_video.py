@@ -119,7 +119,7 @@ def test_frames_from_a_time_on_are_those_of_the_whole_and_little_before_is_decod
         assert [(one.seq, one.t_ns) for one in found] == [(one.seq, one.t_ns) for one in expected]
         same_images(found, expected)
     if "a long GOP" not in name and "as it is" not in name and name not in ("VP8", "MPEG-4 with B-frames"):
-        first = next(source._frames(source._entry(whole[-1].t_ns)))
+        first = next(source._frames(source._key_before(whole[-1].t_ns)))
         assert first.seq >= COUNT - 2 * 12, "the last key frame or the one before"
 
 

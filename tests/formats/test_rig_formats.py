@@ -82,6 +82,14 @@ def test_a_stated_rolling_shutter_is_read(tmp_path: Path, name: str, before: str
     assert read_rig(copy).cameras[0].readout_s == 0.0123
 
 
+@pytest.mark.parametrize(("name", "table"), [("rig.toml", "[cam_0]\n"), ("camera_array.toml", "[cameras.0]\n")])
+def test_cameras_that_are_set_to_be_ignored_are_left_out(tmp_path: Path, name: str, table: str) -> None:
+    """Earlier versions of caliscope name their tables as Anipose does."""
+    text = (GOLDEN / name).read_text().replace("ignore = false\n", "")
+    (tmp_path / name).write_text(text.replace(table, f"{table}ignore = true\n"))
+    assert read_rig(tmp_path / name).names == read_rig(GOLDEN / name).names[1:]
+
+
 def test_awkward_names_and_orders_survive(tmp_path: Path, ring_rig: Callable[..., Rig]) -> None:
     new = ("metadata", 'left "front"', "left/front/", "Kamera 3 ü.", "1", "cam_metadata")
     rig = ring_rig(6).renamed({f"cam{i:02d}": name for i, name in enumerate(new)})

@@ -51,17 +51,6 @@ def test_the_header_is_opensims(tmp_path: Path) -> None:
     assert lines[8].split("\t")[2:5] == ["", "", ""]
 
 
-def test_opensim_reads_it(tmp_path: Path) -> None:
-    opensim = pytest.importorskip("opensim")
-    data = some_points()
-    write_trc(tmp_path / "a.trc", data, "mm")
-    table = opensim.TimeSeriesTableVec3(str(tmp_path / "a.trc"))
-    assert list(table.getColumnLabels()) == list(data.names)
-    row = table.getRowAtIndex(1)
-    np.testing.assert_allclose([row[1][i] / 1000 for i in range(3)], data.xyz_world[1, 1, [1, 2, 0]], atol=1e-6)
-    assert np.isnan(table.getRowAtIndex(2)[0][0])
-
-
 def test_real_references(shared_data: Path, tmp_path: Path) -> None:
     files = sorted((shared_data / "pose2sim_single" / "reference").glob("*.trc"))
     assert len(files) == 3

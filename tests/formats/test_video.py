@@ -17,7 +17,7 @@ from hypothesis import strategies as st
 from posefuse.core import InputError
 from posefuse.core.depth import DepthImage
 from posefuse.core.frames import Pixels
-from posefuse.formats.video import DecodedPixels, PixelConverter, VideoWriter, join_videos, read_video
+from posefuse.formats.video import DecodedPixels, PixelConverter, VideoWriter
 from posefuse.sources import FramesAhead, VideoConfig
 from posefuse.sources.live import PacedVideoConfig
 from posefuse.sources.video import ticks_ns
@@ -36,10 +36,10 @@ def _write(path: Path, t_ns, first: int = 0, size_wh=(96, 64), crf: int = 8) -> 
 
 def _same(path: Path, t_ns) -> None:
     """The video has these frames at these times."""
-    read = list(read_video(path))
-    np.testing.assert_allclose([t for t, _ in read], t_ns, atol=501)
-    for i, (_, image) in enumerate(read):
-        assert np.abs(image.astype(int) - _image(i)).mean() < 6
+    frames = list(VideoConfig(path, "cam").build().frames())
+    np.testing.assert_allclose([frame.t_ns for frame in frames], t_ns, atol=501)
+    for i, frame in enumerate(frames):
+        assert np.abs(frame.image.astype(int) - _image(i)).mean() < 6
 
 
 def test_uneven_times_and_a_late_start_come_back_to_the_microsecond(tmp_path: Path):
@@ -51,16 +51,8 @@ def test_uneven_times_and_a_late_start_come_back_to_the_microsecond(tmp_path: Pa
 @pytest.mark.parametrize("size_wh", [(96, 64), (97, 64), (96, 63), (33, 35)])
 def test_any_size_keeps_its_size(tmp_path: Path, size_wh):
     _write(tmp_path / "a.mp4", [0, 33_000_000], size_wh=size_wh)
-    assert [image.shape for _, image in read_video(tmp_path / "a.mp4")] == [(size_wh[1], size_wh[0], 3)] * 2
-
-
-def test_joined_parts_are_all_frames_at_their_times(tmp_path: Path):
-    t_ns = 700_207_000 + np.arange(9) * 33_333_000
-    _write(tmp_path / "0.mp4", t_ns[:4])
-    _write(tmp_path / "1.mp4", t_ns[4:5], first=4)
-    _write(tmp_path / "2.mp4", t_ns[5:], first=5)
-    join_videos([tmp_path / f"{i}.mp4" for i in range(3)], tmp_path / "all.mp4")
-    _same(tmp_path / "all.mp4", t_ns)
+    frames = VideoConfig(tmp_path / "a.mp4", "cam").build().frames()
+    assert [frame.image.shape for frame in frames] == [(size_wh[1], size_wh[0], 3)] * 2
 
 
 def test_same_frames_same_bytes(tmp_path: Path):
@@ -79,9 +71,7 @@ def test_wrong_frames_and_times_are_refused(tmp_path: Path):
 
 def test_files_that_cannot_be_are_named(tmp_path: Path):
     refusal(InputError, "nowhere", VideoWriter, tmp_path / "nowhere" / "a.mp4", (96, 64), 30.0)
-    refusal(InputError, r"absent\.mp4: cannot be read as a video", lambda: next(read_video(tmp_path / "absent.mp4")))
     (tmp_path / "text.mp4").write_text("no video")
-    refusal(InputError, "cannot be joined", join_videos, [tmp_path / "text.mp4"], tmp_path / "all.mp4")
 
 
 STEP = 12

@@ -2,6 +2,7 @@
 
 import errno
 import os
+import re
 import shutil
 from collections import namedtuple
 from collections.abc import Callable
@@ -12,7 +13,7 @@ import pytest
 from checks import refusal
 
 from posefuse.core import DiskFullError, InputError
-from posefuse.foundation.output_file import atomic_file, earlier_kept, write_text
+from posefuse.foundation.output_file import atomic_file, check_space, earlier_kept, write_text
 from posefuse.foundation.output_folder import MARK_FILE, FolderMark, find_unfinished, growing_folder, output_folder, read_mark
 
 
@@ -191,6 +192,15 @@ def test_a_full_disk_is_reported_before_the_work(tmp_path: Path, monkeypatch: py
     monkeypatch.setattr(shutil, "disk_usage", lambda _: usage(10**9, 10**9 - 5_000_000, 5_000_000))
     refused(tmp_path / "new" / "result", "about 7 MB will be written, 5 MB are free", estimated_bytes=7_000_000)
     make(tmp_path / "result", estimated_bytes=4_000_000)
+
+
+@pytest.mark.parametrize(("needed", "free"), [(1, 0), (400_000, 300_000), (1_200_000, 1_100_000), (2_000_000, 1_999_999)])
+def test_a_full_disk_has_less_free_than_will_be_written_in_words_too(tmp_path, monkeypatch, needed: int, free: int) -> None:
+    """Both were rounded to the nearest: "about 0 MB will be written, 0 MB are free"."""
+    monkeypatch.setattr(shutil, "disk_usage", lambda _: namedtuple("usage", "free")(free))
+    text = refusal(InputError, "MB will be written", check_space, tmp_path, needed)
+    stated_needed, stated_free = (int(number) for number in re.findall(r"(\d+) MB", text))
+    assert stated_free * 1e6 <= free < needed <= stated_needed * 1e6 and stated_free < stated_needed
 
 
 def test_a_symbolic_link_to_a_folder_is_followed(tmp_path: Path) -> None:

@@ -246,4 +246,5 @@ def test_the_file_moves_as_we_do(moving, tmp_path) -> None:
     moved = np.einsum("vij,vj->vi", matrices, np.c_[rest, np.ones(len(rest))])[:, :3]
     np.testing.assert_allclose(moved, skinned_vertices(moving, skin)[frame], atol=1e-5)
     assert values(mesh["indices"]).max() == len(rest) - 1
+    assert not joint[weight == 0].any(), "the specification: unused joints are 0"
     np.testing.assert_allclose(np.linalg.norm(values(mesh["attributes"]["NORMAL"]), axis=1), 1.0, atol=1e-5)

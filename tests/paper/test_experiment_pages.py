@@ -89,7 +89,7 @@ def check_page(out: Path, name: str, read_page: Callable) -> Any:
     for heading in HEADINGS[name]:
         assert any(shown.startswith(heading) for shown in page.headings)
     assert len(page.images) == PICTURES[name]
-    assert all(address.startswith("data:image/png;base64,") for address in page.images)
+    assert all(address.startswith("data:image/jpeg;base64,") for address in page.images)
     assert len(page.data.get("plots", ())) == PLOTS[name]
     for plot in page.data.get("plots", ()):
         assert plot["series"], plot["title"]

@@ -110,6 +110,20 @@ def test_the_command_shows_the_reason_of_a_failure_once(folder, here, tmp_path, 
     assert shown.count("P02/broken: failed: ") == 1 and "1 of 4 trials failed; the reasons are above and in" in shown
 
 
+def test_what_a_failed_trial_lacks_is_named_as_what_a_study_takes(folder: Path, here: list[str], tmp_path: Path, capsys) -> None:
+    """A trial without a rig named `--rig`, and one without a rate `--rate`: options of `track`, which `batch` does not have."""
+    (tmp_path / "rig.toml").write_bytes((folder / "P01" / "rig.toml").read_bytes())
+    (folder / "P02" / "slow" / "rig.toml").unlink()
+    words = ["batch", str(folder), "--out", str(tmp_path / "out"), "--outputs", "trc", "--no-report"]
+    shown = error(capsys, *words)
+    named = set(re.findall(r"--set \w+=\w+|--[a-z]\S*", shown))
+    assert named == {"--set rate_hz=HZ", "--set rig=FILE"}, shown
+    for option, value in (("--set rate_hz=", "50"), ("--set rig=", str(tmp_path / "rig.toml"))):
+        words += f"{option}{value}".split()
+    shown = error(capsys, *words)
+    assert "1 of 4 trials failed" in shown and "P02/broken: failed: " in shown
+
+
 def test_complete_trials_are_kept_and_others_tried_again(folder: Path, here: list[str], tmp_path: Path) -> None:
     run(folder, tmp_path / "out")
     before = {path: path.stat().st_mtime_ns for path in (tmp_path / "out" / "P01").rglob("*")}

@@ -69,6 +69,15 @@ def test_images_and_pose_folders(session: Path) -> None:
     assert [entry.path.name for entry in poses.inputs] == ["cam_01_json", "cam_02_json", "cam_10_json"]
 
 
+@pytest.mark.parametrize("place", ["pose2d/{}/predictions/video.json", "pose2d/predictions/{}.json"])
+def test_predictions_of_mmpose_are_found_as_it_writes_them(session: Path, place: str) -> None:
+    for name in ("cam_01", "cam_02", "cam_10"):
+        path = session / place.format(name)
+        touch(path.parent, [path.name])
+    found = find_session(session, TrackConfig())
+    assert [(entry.camera, entry.kind) for entry in found.inputs] == [(name, "pose2d") for name in found.rig.names]
+
+
 def test_the_rate_of_images_is_asked_for_in_one_line(session: Path, recwarn: pytest.WarningsRecorder) -> None:
     for name in ("cam_01", "cam_02", "cam_10"):
         touch(session / "images" / name, ["0001.jpg", "0002.jpg"])

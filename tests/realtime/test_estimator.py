@@ -65,13 +65,6 @@ def test_what_was_not_measured_for_long_is_withheld_however_sure() -> None:
     assert len(gate.passed(pose(2.5, kind=Kind.PREDICTED, people=(9,))).person_id) == 1
 
 
-def test_what_is_good_is_not_touched() -> None:
-    given = pose(1.0)
-    assert KeypointGate(KeypointGateSettings()).passed(given) is given
-    no_person = pose(1.0, people=())
-    assert len(KeypointGate(KeypointGateSettings()).passed(no_person).person_id) == 0
-
-
 def test_the_axis_known_worst_decides_whichever_way_it_points() -> None:
     rng = np.random.default_rng(0)
     turns = np.linalg.qr(rng.normal(size=(200, 3, 3)))[0]
@@ -192,17 +185,12 @@ def test_cameras_that_look_when_they_can_search_together() -> None:
     """A new person is born from two views of one moment: each camera counting for itself would drift away from the others."""
     rng = np.random.default_rng(5)
     every_s, slowest_s = 0.5, 0.09
-    together, by_itself = [], []
+    together = []
     for _ in range(4):
         looks_s = np.cumsum(rng.uniform(0.03, slowest_s, 600))
         slots = np.array([search_slot(round(at_s * 1e9), every_s) for at_s in looks_s])
         together.append(looks_s[np.flatnonzero(np.diff(slots, prepend=-1))][:40])
-        own = [0.0]
-        for at_s in looks_s:
-            own += [at_s] if at_s - own[-1] > every_s else []
-        by_itself.append(own[:40])
     assert np.ptp(together, axis=0).max() <= slowest_s
-    assert np.ptp(by_itself, axis=0).max() > 3 * slowest_s
 
 
 # --- joint centres: what goes out has moved, the poses sent to the views have not, and a recording states by which table

@@ -113,22 +113,28 @@ def limbs_at(truth: Truth, t_s: float) -> np.ndarray:
     return before + (at - i) * (after - before)
 
 
+def errors(rng: np.random.Generator, steps: int, *of: int) -> np.ndarray:
+    """(T, ..., 2) of variance 1, correlated over time as those of networks are."""
+    keep, made = np.exp(-1 / RATE_HZ / LASTING_S), rng.standard_normal((steps, *of, 2))
+    lasting = made.copy()
+    for i in range(1, steps):
+        lasting[i] = keep * lasting[i - 1] + np.sqrt(1 - keep**2) * made[i]
+    return np.sqrt(LASTING_SHARE) * lasting + np.sqrt(1 - LASTING_SHARE) * rng.standard_normal(made.shape)
+
+
 def fed(watcher: RigWatcher, truth: Truth, rig: Rig, begin_s: float, seconds: float) -> dict[str, str]:
     """Kinds found by camera, after the clip was shown as cameras at `rig` see it, each at times of its own.
 
     Errors of 4 px last from frame to frame as those of the default network do.
     """
     last_s, limbs = (truth.t_ns[-1] - truth.t_ns[0]) / 1e9, limb_keypoints(truth.skeleton.keypoints)
-    rng, kept = np.random.default_rng(5), np.exp(-1 / (RATE_HZ * LASTING_S))
-    shape = len(rig), len(limbs), 2
-    lasting = rng.normal(0, 4.0 * LASTING_SHARE**0.5, shape)
-    for step in range(round(seconds * RATE_HZ)):
-        lasting = kept * lasting + rng.normal(0, 4.0 * (LASTING_SHARE * (1 - kept**2)) ** 0.5, shape)
-        errors = lasting + rng.normal(0, 4.0 * (1 - LASTING_SHARE) ** 0.5, shape)
+    steps = round(seconds * RATE_HZ)
+    off_px = 4.0 * errors(np.random.default_rng(5), steps, len(rig), len(limbs))
+    for step in range(steps):
         for c, camera in enumerate(rig):
             t_s = begin_s + step / RATE_HZ + PHASE_S[c]
             # to and fro, so that no person jumps
-            seen = camera.project(limbs_at(truth, abs((t_s + last_s) % (2 * last_s) - last_s))) + errors[c]
+            seen = camera.project(limbs_at(truth, abs((t_s + last_s) % (2 * last_s) - last_s))) + off_px[step, c]
             watcher.add(camera.name, round((1000 + t_s) * S), seen, np.ones(len(seen)))
         known = watcher.look()
     return {name: verdict.state for name, verdict in known.faulty.items()}
@@ -267,21 +273,12 @@ def place(t_s: float | np.ndarray) -> np.ndarray:
     return built.standing() + 0.5 * np.sin(np.asarray(t_s))[..., None, None] * np.array([1.0, 0.3, 0.0])
 
 
-def errors(rng: np.random.Generator, steps: int) -> np.ndarray:
-    """(T, K, 2) of variance 1, correlated over time as those of networks are."""
-    keep, made = np.exp(-1 / RATE_HZ / LASTING_S), rng.standard_normal((steps, len(COCO17), 2))
-    lasting = made.copy()
-    for i in range(1, steps):
-        lasting[i] = keep * lasting[i - 1] + np.sqrt(1 - keep**2) * made[i]
-    return np.sqrt(LASTING_SHARE) * lasting + np.sqrt(1 - LASTING_SHARE) * rng.standard_normal(made.shape)
-
-
 def seen_with(rig: Rig, true_px: float, seed: int = 0) -> list[Detections2D]:
     """Of cameras that do not wait for each other, with errors of `true_px` instead of those stated."""
     found, rng = [], np.random.default_rng(seed)
     for c, camera in enumerate(rig):
         t_s = (np.arange(int(SECONDS * RATE_HZ)) + c / len(rig)) / RATE_HZ
-        xy = camera.project(place(t_s)) + true_px * errors(rng, len(t_s))
+        xy = camera.project(place(t_s)) + true_px * errors(rng, len(t_s), len(COCO17))
         for t, points in zip(t_s, xy, strict=True):
             found.append(built.detections(camera.name, points[None], round((1000 + t) * S), sigma_px=STATED_PX))
     return sorted(found, key=lambda view: view.t_ns)

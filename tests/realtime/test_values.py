@@ -311,16 +311,6 @@ def test_only_the_newest_frame_waits(ring_rig) -> None:
     assert (state.captured, state.used, state.replaced) == (3, 1, 2)
 
 
-def test_what_the_rig_watch_finds_is_reported_unless_something_worse_is_wrong() -> None:
-    monitor = Monitor(("a", "b", "c"))
-    run_frames(monitor, {"a": (0, 0), "b": (0, 0), "c": (0, 0)}, 100 * S, 1)
-    ill = {"a": CameraHealth("moved", "a looks next to"), "b": CameraHealth("moved")}
-    verdicts = monitor.judge(101 * S, {"b": CameraHealth("dead", "process 1 ended")}, ill)
-    assert [verdicts[name].state for name in "abc"] == ["moved", "dead", "ok"]
-    assert monitor.judge(101 * S, {}, {})["a"].state == "ok"
-    assert [(event.name, event.state) for event in monitor.events if event.name == "a"][-2:] == [("a", "moved"), ("a", "ok")]
-
-
 def test_a_video_begins_again_at_every_turn(ring_rig, demo_session) -> None:
     [entry] = inputs_from_arguments([f"cam00=video:{demo_session / 'videos' / 'cam00.mp4'}"], ring_rig(2))
     capture = Capture(replace(entry, loop_s=0.3), ring_rig(2)["cam00"], threading.Condition())
@@ -363,6 +353,10 @@ def test_a_video_begins_again_at_every_turn(ring_rig, demo_session) -> None:
         (("--record", "earlier/a.2.mcap"), "by its name it is a later part of a.mcap"),
         (("--record", "earlier/b.mcap"), "by its name, b.3.mcap is a later part of it"),
         (("--source", "cam00=video:"), "expected where it is after video:"),
+        (
+            ("--source", "cam00=usb:0", "--source", "cam01=usb:1", "--loop", "4"),
+            "--loop 4: no source is a video or a simulated session",
+        ),
         ((), "expected sources for at least 2 cameras, got 0"),
     ],
 )
@@ -383,16 +377,10 @@ def test_options_that_cannot_be_are_one_line_before_anything_starts(
     assert sorted(tmp_path.rglob("*")) == sorted(kept)
 
 
-def test_cameras_cannot_be_shown_again(capsys, demo_session) -> None:
-    sources = [word for camera in (0, 1) for word in ("--source", f"cam{camera:02d}=usb:{camera}")]
-    assert cli.main(["live", str(demo_session / "rig.toml"), *sources, "--loop", "4"]) == 1
-    assert "--loop 4: no source is a video or a simulated session" in capsys.readouterr().err
-
-
 @pytest.mark.parametrize("people", [False, True])
 def test_a_report_is_suggested_only_where_a_person_was_tracked(people, tmp_path, monkeypatch, capsys) -> None:
     (record := tmp_path / "walk.mcap").touch()
-    run = LiveRun(figures={"videos": {}}, stopped_by="", failed=False, people=people, poses=9, blocks=())
+    run = LiveRun(figures={"videos": {}}, stopped_by="", failed=False, people=people, blocks=())
     monkeypatch.setattr("posefuse.track_live", lambda *_, **options: run)
     assert cli.main(["live", "rig.toml", "--source", "sim:none", "--record", str(record)]) == (0 if people else NO_PERSON_CODE)
     assert ("posefuse report" in capsys.readouterr().err) == people

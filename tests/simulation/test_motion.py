@@ -2,9 +2,8 @@
 
 import numpy as np
 import pytest
-from checks import refusal
 
-from posefuse.core import SKELETONS, ConfigError
+from posefuse.core import SKELETONS
 from posefuse.foundation.settings import settings_from_mapping
 from posefuse_sim.body import JOINTS, SEGMENTS, BodyShapeSettings, SimulatedBody, build_body
 from posefuse_sim.build import MovingPerson, PersonState, build_person
@@ -191,24 +190,6 @@ def test_random_way_stays_in_its_area(body: SimulatedBody) -> None:
 
 
 @pytest.mark.parametrize(
-    ("path", "speed", "text"),
-    [
-        ({"shape": "line", "start_m": (0, 0), "end_m": (0.5, 0)}, 1.0, "end_m: expected at least 1.0 m from start_m, got 0.50 m"),
-        ({"shape": "circle", "radius_m": 0.5}, 2.0, r"speed_mps: expected at most 1.12 m/s on a circle .* got 2.0"),
-        ({"shape": "random", "low_m": (0, 0), "high_m": (1, 5)}, 1.0, "high_m: expected at least 2 m beyond low_m"),
-    ],
-)  # fmt: skip
-def test_paths_that_cannot_be_walked(body: SimulatedBody, path: dict, speed: float, text: str) -> None:
-    refusal(ConfigError, text, walk, body, path, speed, np.zeros(1))
-
-
-def test_short_legs_cannot_walk_as_fast() -> None:
-    child = build_body(BodyShapeSettings(age_years=7, height_m=1.2))
-    said = r"speed_mps: expected at most 1\.\d\d m/s for a hip height of 0\.\d\d m \(faster is running"
-    refusal(ConfigError, said, walk, child, {"shape": "line", "start_m": (0, 0), "end_m": (5, 0)}, 2.0, np.zeros(1))
-
-
-@pytest.mark.parametrize(
     "settings", [BodyShapeSettings(age_years=5), BodyShapeSettings(height_m=2.0), BodyShapeSettings(random_seed=1)]
 )
 def test_every_body_walks(settings: BodyShapeSettings) -> None:
@@ -381,13 +362,6 @@ def test_a_hand_follows_its_path_wherever_the_person_stands(body: SimulatedBody,
     assert np.abs(point(there, f"{side}_wrist") - (wrist[:, [1, 0, 2]] * [-1, 1, 1] + [2.0, -1.0, 0.0])).max() < 2e-3
     elbow = point(here, f"{side}_elbow")
     assert (elbow[:, 2] < point(here, f"{side}_shoulder")[:, 2]).all()
-
-
-@pytest.mark.parametrize(
-    ("path", "text"), [([[0, 0.9, 0.0, 1.0]], "right wrist does not reach"), ([PATH[1], PATH[0]], "times that increase")]
-)
-def test_a_path_no_hand_can_follow_is_refused(body: SimulatedBody, path: list, text: str) -> None:
-    refusal(ConfigError, text, person, body, kind="hand_path", path=path)
 
 
 def test_segments_and_angles_belong_together(body: SimulatedBody) -> None:

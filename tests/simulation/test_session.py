@@ -17,6 +17,7 @@ from posefuse.core.skeleton import ANATOMICAL23
 from posefuse.formats.npz import read_arrays
 from posefuse.formats.rig import read_rig
 from posefuse.formats.truth import read_truth
+from posefuse.formats.video import VideoWriter
 from posefuse.foundation.output_folder import MARK_FILE, find_unfinished
 from posefuse.sources.images import ImagesConfig
 from posefuse.sources.video import VideoConfig
@@ -248,3 +249,18 @@ def test_a_paced_camera_never_gives_a_frame_before_its_time(session):
 
 def test_an_unknown_camera_is_refused_with_the_names_there_are(session):
     refusal(SourceError, "no camera 'cam7'; there are: cam00, cam01, cam02", lambda: SimulatedConfig(session, "cam7").build())
+
+
+def test_joined_parts_are_all_frames_at_their_times(tmp_path: Path) -> None:
+    t_ns, greys = 700_207_000 + np.arange(9) * 33_333_000, 20 + 23 * np.arange(9)
+    parts = [tmp_path / f"{i}.mp4" for i in range(3)]
+    for part, frames in zip(parts, (range(4), range(4, 5), range(5, 9)), strict=True):
+        with VideoWriter(part, (96, 64), 30.0, 8) as writer:
+            for i in frames:
+                writer.write(np.full((64, 96, 3), greys[i], np.uint8), int(t_ns[i]))
+    sessions.join_videos(parts, tmp_path / "all.mp4")
+    read = list(VideoConfig(tmp_path / "all.mp4", "cam").build().frames())
+    np.testing.assert_allclose([frame.t_ns for frame in read], t_ns, atol=501)
+    np.testing.assert_allclose([frame.image.mean() for frame in read], greys, atol=4)
+    (tmp_path / "text.mp4").write_text("no video")
+    refusal(InputError, "cannot be joined", sessions.join_videos, [tmp_path / "text.mp4"], tmp_path / "other.mp4")

@@ -14,7 +14,7 @@ from videos import ScriptedSource, remuxed, write_video
 from posefuse.core import Frame, Source, SourceError
 from posefuse.formats.video import VideoWriter
 from posefuse.sources import CountedSource, Coverage, FramesAhead, ImagesConfig, VideoConfig, frame_sets, incomplete_cameras
-from posefuse.sources.seeking import ImagesSeeker, VideoSeeker, nearest
+from posefuse.sources.seeking import Seeker, nearest
 from posefuse.sources.video import recorded_at
 
 SIZE_WH = (64, 48)
@@ -142,7 +142,7 @@ def test_reading_ahead_keeps_order_hands_on_errors_and_stops() -> None:
 # --- jumping about in a recording gives the frames that reading it from the start gives
 
 
-COUNT = 150
+COUNT, HIDDEN = 150, 20
 
 
 def image_of(i: int) -> np.ndarray:
@@ -169,14 +169,22 @@ def reordered(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return write_video(path, [image_of(i) for i in range(COUNT)], options=options, format="mpegts")
 
 
-@pytest.mark.parametrize("name", ["video", "reordered"])
+@pytest.fixture(scope="module")
+def trimmed(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Its start is cut off without encoding again: the file holds it from a key frame on, and an edit list hides it."""
+    folder, options = tmp_path_factory.mktemp("video"), {"bf": "3", "g": "50", "sc_threshold": "0", "preset": "veryfast"}
+    whole = write_video(folder / "whole.mp4", [image_of(i) for i in range(COUNT)], options=options)
+    return remuxed(whole, folder / "trimmed.mp4", hidden_s=Fraction(HIDDEN, 30))
+
+
+@pytest.mark.parametrize("name", ["video", "reordered", "trimmed"])
 def test_any_order_gives_the_frames_of_reading_on(name: str, request: pytest.FixtureRequest) -> None:
     config = VideoConfig(request.getfixturevalue(name), "cam", offset_s=0.25, drift_ppm=40.0)
-    source, seeker = config.build(), VideoSeeker(config)
+    source, seeker = config.build(), Seeker(config.build())
     frames = list(source.frames())
     np.testing.assert_array_equal(seeker.times_ns, source.times_ns())
     assert seeker.times_ns.tolist() == [frame.t_ns for frame in frames]
-    order = [0, 149, 3, 4, 5, 120, 61, 60, 59, 60, *np.random.default_rng(0).integers(0, COUNT, 15).tolist()]
+    order = [0, len(frames) - 1, 3, 4, 5, 120, 61, 60, 59, 60, *np.random.default_rng(0).integers(0, len(frames), 15).tolist()]
     for i in order:
         got = seeker.at(i)
         assert (got.t_ns, got.camera) == (frames[i].t_ns, "cam")
@@ -184,25 +192,27 @@ def test_any_order_gives_the_frames_of_reading_on(name: str, request: pytest.Fix
     seeker.close()
 
 
-def test_reading_on_decodes_each_frame_once(video: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    seeker = VideoSeeker(VideoConfig(video, "cam"))
-    starts = Mock(side_effect=seeker._decoded)
-    monkeypatch.setattr(seeker, "_decoded", starts)
-    for i in range(60):
+def test_reading_on_decodes_each_frame_once(video: Path) -> None:
+    source = VideoConfig(video, "cam").build()
+    starts = source.frames_from = Mock(side_effect=source.frames_from)
+    seeker = Seeker(source)
+    for i in [*range(60), 59]:
         seeker.at(i)
     assert starts.call_count == 1
     seeker.at(10)
     assert starts.call_count == 2
 
 
-def test_images_are_found_by_their_times(tmp_path: Path) -> None:
+def test_images_are_found_by_their_times_and_one_that_cannot_be_read_is_the_next(tmp_path: Path) -> None:
     for i in range(5):
         cv2.imwrite(str(tmp_path / f"{i}.png"), image_of(i))
-    seeker = ImagesSeeker(ImagesConfig(tmp_path, "cam", rate_hz=10.0, offset_s=1.0).build())
+    seeker = Seeker(ImagesConfig(tmp_path, "cam", rate_hz=10.0, offset_s=1.0).build())
     np.testing.assert_array_equal(seeker.at(3).image, image_of(3))
     assert seeker.at(3).t_ns == 1_300_000_000
-    (tmp_path / "2.png").write_bytes(b"no image")
-    refusal(SourceError, r"2\.png", seeker.at, 2)
+    for broken in (1, 4):
+        (tmp_path / f"{broken}.png").write_bytes(b"no image")
+    assert [seeker.at(i).seq for i in (0, 1, 2, 3, 1)] == [0, 2, 2, 3, 2]
+    refusal(SourceError, "camera cam: no frame from 1.400 s on", seeker.at, 4)
 
 
 @pytest.mark.parametrize(("t_ns", "place"), [(-5, 0), (0, 0), (14, 1), (15, 1), (16, 2), (99, 2)])
@@ -212,17 +222,16 @@ def test_the_nearest_frame(t_ns: int, place: int) -> None:
 
 def test_times_that_no_recording_has_are_one_line(tmp_path: Path) -> None:
     path = write_video(tmp_path / "a.mkv", BLACK * 2, base=Fraction(1, 1000), pts=[0, 10**13], format="matroska")
-    for opened in (lambda: VideoConfig(path, "cam").build().times_ns(), lambda: VideoSeeker(VideoConfig(path, "cam"))):
-        refusal(SourceError, r"camera cam: times up to 1e\+10 s; the file is damaged", opened)
+    refusal(SourceError, r"camera cam: times up to 1e\+10 s; the file is damaged", VideoConfig(path, "cam").build().times_ns)
 
 
 def test_a_file_that_ends_early_gives_what_there_is(video: Path, tmp_path: Path) -> None:
     cut = remuxed(video, tmp_path / "cut.ts", format="mpegts")
     cut.write_bytes(cut.read_bytes()[:-2000])
-    seeker = VideoSeeker(VideoConfig(cut, "cam"))
+    seeker = Seeker(VideoConfig(cut, "cam").build())
     assert 0 < len(seeker.times_ns) <= COUNT
     seeker.at(0)
-    refusal(SourceError, "no such video", lambda: VideoSeeker(VideoConfig(tmp_path / "none.mp4", "cam")))
+    refusal(SourceError, "no such video", VideoConfig(tmp_path / "none.mp4", "cam").build)
 
 
 # --- the date of a recording is what its camera wrote, and nothing else
@@ -297,6 +306,14 @@ def test_a_video_is_read_whole_also_with_metadata_that_is_not_utf8(tmp_path: Pat
     assert b"Lavf" in content
     path.write_bytes(content.replace(b"Lavf", b"L\xe4vf"))
     assert covered(VideoConfig(path, "b").build()) == whole("b")
+
+
+def test_what_an_edit_list_hides_is_neither_listed_nor_missing(trimmed: Path) -> None:
+    source = VideoConfig(trimmed, "b").build()
+    shown_ns = [frame.t_ns for frame in source.frames()]
+    assert shown_ns == source.times_ns().tolist() and (shown_ns[0], len(shown_ns)) == (0, COUNT - HIDDEN)
+    counted = CountedSource(source, 0)
+    assert len(list(counted.frames())) == counted.coverage(0, 2 * shown_ns[-1]).expected == len(shown_ns)
 
 
 def test_frames_that_a_video_states_and_no_longer_holds_are_missing_at_its_end() -> None:

@@ -102,18 +102,22 @@ def test_every_page_opens_and_fits_into_its_window(page: Any, lab: tuple[str, Pa
 
 
 @pytest.mark.parametrize(
-    ("calibration", "shown"),
+    ("path", "label", "option", "shown"),
     [
-        ("bare", "The preset deleted is missing"),
-        ("gone", "rig.toml"),
-        ("kind", "Move the cube"),
-        ("broken", "used by another program"),
+        ("/calibrate", "Calibration", "bare", "The preset deleted is missing"),
+        ("/calibrate", "Calibration", "gone", "rig.toml"),
+        ("/calibrate", "Calibration", "kind", "Move the cube"),
+        ("/calibrate", "Calibration", "broken", "used by another program"),
+        # leads out of the workspace
+        ("/", "Preset", "outside", "video:../secret.mp4"),
     ],
 )
-def test_a_calibration_names_what_is_missing(page: Any, lab: tuple[str, Path], calibration: str, shown: str) -> None:
-    page.goto(f"{lab[0]}/calibrate")
-    page.get_by_label("Calibration", exact=True).click()
-    page.get_by_role("option", name=calibration, exact=True).click()
+def test_what_is_chosen_is_shown_with_what_is_missing(
+    page: Any, lab: tuple[str, Path], path: str, label: str, option: str, shown: str
+) -> None:
+    page.goto(f"{lab[0]}{path}")
+    page.get_by_label(label, exact=True).click()
+    page.get_by_role("option", name=option, exact=True).click()
     page.get_by_text(shown).first.wait_for()
     assert "Traceback" not in lab[1].read_text(encoding="utf-8")
 
@@ -129,14 +133,6 @@ def test_a_file_name_with_quotes_is_a_name_alone(page: Any, lab: tuple[str, Path
         "(label) => [...document.querySelectorAll('[aria-label]')].some((one) => one.ariaLabel === label)", arg=label
     )
     assert page.locator("[data-more]").count() == 0
-
-
-def test_a_preset_that_leads_out_of_the_workspace_is_shown(page: Any, lab: tuple[str, Path]) -> None:
-    page.goto(lab[0])
-    page.get_by_label("Preset", exact=True).click()
-    page.get_by_role("option", name="outside", exact=True).click()
-    page.get_by_text("video:../secret.mp4").wait_for()
-    assert "Traceback" not in lab[1].read_text(encoding="utf-8")
 
 
 def test_no_link_of_a_job_runs_in_the_browser(page: Any, lab: tuple[str, Path]) -> None:

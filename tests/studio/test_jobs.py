@@ -138,6 +138,14 @@ def test_damaged_state_is_no_trouble(workspace: StudioWorkspace) -> None:
         jobs.report("../x")
 
 
+def test_jobs_come_in_the_order_they_began_whatever_the_clock_on_the_wall_shows(workspace: StudioWorkspace) -> None:
+    """The name of a job is in local time, which is set back by an hour in autumn, and one second may begin ten jobs."""
+    names = ["20261025-025959-report", "20261025-020001-report", "20261025-020001-report-9", "20261025-020001-report-10"]
+    for i, name in enumerate(names):
+        stored_job(workspace, name, begun_s=1e9 + i)
+    assert [job.id for job in Jobs(workspace).all()] == names[::-1]
+
+
 def test_what_has_ended_is_read_once(workspace: StudioWorkspace, monkeypatch: pytest.MonkeyPatch) -> None:
     names = [ended(workspace, number) for number in range(500)]
     jobs, read = Jobs(workspace), Mock(side_effect=read_stored)

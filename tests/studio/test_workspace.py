@@ -53,12 +53,6 @@ def test_paths_inside_are_found_and_named(workspace: StudioWorkspace) -> None:
     refusal(InputError, "not inside", workspace.name_of, workspace.root.parent / "outside")
 
 
-def test_a_free_name_is_free(workspace: StudioWorkspace) -> None:
-    assert workspace.free_name("rigs", "rig", ".toml") == "rigs/rig.toml"
-    workspace.path("rigs/rig.toml").touch()
-    assert workspace.free_name("rigs", "rig", ".toml") == "rigs/rig-2.toml"
-
-
 @pytest.mark.parametrize(
     "name",
     ["", ".hidden", "a/b", "a\\b", "con", "NUL.txt", "x" * 81, "trailing.", " a", "-rf", "a:b", "a=b", "a?", "a\nb", "\u202e"],

@@ -38,8 +38,13 @@ def write_video(
     return path
 
 
-def remuxed(source: Path, target: Path, frames: int | None = None, stated: str = "", **how: object) -> Path:
-    """`target` with the first `frames` packets of a video; `stated`: its creation time, `how`: as `av.open` takes it."""
+def remuxed(
+    source: Path, target: Path, frames: int | None = None, stated: str = "", *, hidden_s: Fraction = Fraction(0), **how: object
+) -> Path:
+    """`target` with the first `frames` packets of a video; `stated`: its creation time, `how`: as `av.open` takes it.
+
+    `hidden_s`: so much of its start is in the file and not shown, as after a cut without encoding again.
+    """
     with av.open(str(source)) as whole, av.open(str(target), "w", **how) as copy:
         if stated:
             copy.metadata["creation_time"] = stated
@@ -47,7 +52,8 @@ def remuxed(source: Path, target: Path, frames: int | None = None, stated: str =
         for i, packet in enumerate(whole.demux(video=0)):
             if packet.dts is None or i == frames:
                 break
-            packet.stream = stream
+            hidden = round(hidden_s / packet.time_base)
+            packet.pts, packet.dts, packet.stream = packet.pts - hidden, packet.dts - hidden, stream
             copy.mux(packet)
     return target
 

@@ -427,6 +427,19 @@ def test_a_hand_alone_that_comes_back_elsewhere_is_another_hand():
     assert run.tick(1, hand=HAND + [0.5, 0.0, 0.0], **unseen) is Phase.IDLE
 
 
+@pytest.mark.parametrize("hide", [0, 5])
+def test_lengths_of_a_body_are_remembered_from_view_to_view_and_past_views_without_it(hide):
+    """A forearm that grows by 1 % per view is another body's before it is 50 % longer; so is such a one after a hidden hand."""
+    run = Run(ELSEWHERE).engaged()
+    forearm_m = person_view(HAND, 0).forearm_m
+    run.tick(hide, change=lambda news: hidden(news, "hand"))
+    for views in range(1, 41):
+        if run.tick(forearm_m=forearm_m * (1.5 if hide else 1.01**views)) is Phase.IDLE:
+            break
+    assert run.phase is Phase.IDLE
+    assert "another length" in run.operator.gate.reason
+
+
 def test_an_operator_may_walk():
     run = Run(ELSEWHERE).engaged()
     for step in range(100):

@@ -70,12 +70,6 @@ def test_a_motion_into_a_corner_brakes_on_all_axes_at_once():
     assert np.abs(corner - motion.position).max() < 0.1
 
 
-def test_without_the_walls_the_same_motion_leaves_the_box():
-    rng = np.random.default_rng(0)
-    targets = rng.normal(size=(500, 3))
-    assert np.abs(followed(targets)).max() > 0.35 > np.abs(followed(np.vstack([np.zeros(3), targets]), BOUNDS)).max()
-
-
 @pytest.mark.parametrize(("ahead_m", "end_m", "off_m"), [(0.3, 0.3, 1e-3), (0.01, 0.8, 2e-3)], ids=["a jump", "too fast"])
 def test_a_jump_and_a_target_that_is_too_fast_are_met_without_overshoot_and_within_the_jerk_limit(ahead_m, end_m, off_m):
     targets = np.zeros((300, 3))

@@ -63,12 +63,6 @@ def test_it_does_not_matter_where_the_world_begins_and_how_it_lies():
     np.testing.assert_allclose(filtered(there, 0.003), filtered(xyz, 0.003) @ TURN.T + [3.0, -2.0, 1.0], atol=1e-12)
 
 
-def test_a_step_is_met_at_once_and_exactly_in_the_end():
-    xyz = np.concatenate([np.zeros((100, 3)), np.tile([0.1, 0.0, 0.0], (300, 1))])
-    after = filtered(xyz, 0.003)
-    assert np.linalg.norm((after - xyz)[[100, -1]], axis=1).max() < 1e-3
-
-
 def test_another_person_and_a_pause_start_again():
     state = None
     for i in range(50):

@@ -17,7 +17,7 @@ from PIL import Image
 import posefuse as pf
 from posefuse.outputs.drawing import grid_for, view_tile
 from posefuse.outputs.overview import stage_picture
-from posefuse.sources import VideoConfig, VideoSeeker, nearest
+from posefuse.sources import Seeker, VideoConfig, nearest
 
 ROOT = Path(__file__).resolve().parents[2]
 IMAGES = ROOT / "docs" / "images"
@@ -53,7 +53,7 @@ def moving_picture() -> Path:
 def _pictures(recording: pf.Recording) -> Iterator[np.ndarray]:
     grid = grid_for([camera.size_wh for camera in recording.rig], VIEWS_WH)
     width, height = grid.size_wh
-    videos = [VideoSeeker(VideoConfig(path=CLIP / "videos" / f"{name}.mp4", camera=name)) for name in recording.rig.names]
+    videos = [Seeker(VideoConfig(CLIP / "videos" / f"{name}.mp4", name).build()) for name in recording.rig.names]
     for i in range(0, len(recording.poses), STEP):
         picture = np.zeros((height, width + STAGE_WIDTH, 3), np.uint8)
         for c, video in enumerate(videos):

@@ -1,12 +1,11 @@
-"""What all public functions share: arguments checked by their annotations, ``progress=``, and tables of a notebook."""
+"""What all public functions share: arguments checked by their annotations, and ``progress=``."""
 
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from functools import wraps
-from html import escape
 from inspect import signature
 from numbers import Integral, Real
 from typing import Any, ParamSpec, TypeVar
@@ -66,13 +65,6 @@ def shown(progress: Progress | bool | None) -> Iterator[Progress]:
             yield report
     else:
         yield progress
-
-
-def html_table(title: str, columns: Sequence[str], rows: Iterable[Sequence[object]]) -> str:
-    """A heading and a table; every text is escaped."""
-    head = "".join(f"<th>{escape(name)}</th>" for name in columns)
-    body = "".join("<tr>" + "".join(f"<td>{escape(str(cell))}</td>" for cell in row) + "</tr>" for row in rows)
-    return f"<b>{escape(title)}</b><table><tr>{head}</tr>{body}</table>"
 
 
 def lines_of(progress: Progress, stage: str) -> Callable[[str], None]:

@@ -26,7 +26,7 @@ from posefuse.calibration.extrinsics.world import (
     world_rule,
 )
 from posefuse.calibration.person.scale import KnownLength
-from posefuse.calibration.report import CalibrationReport, Check, RefusedCalibration, after
+from posefuse.calibration.report import RefusedCalibration, after
 from posefuse.calibration.targets.corners import CornerObservations
 from posefuse.calibration.targets.coverage import write_coverage
 from posefuse.calibration.targets.detection import detect_corners
@@ -39,7 +39,7 @@ from posefuse.calibration.targets.recordings import (
     require_target_seen,
     seen_or_why_not,
 )
-from posefuse.core import SE3, CalibrationError, InputError, Progress
+from posefuse.core import SE3, InputError, Progress
 from posefuse.core.arrays import Array
 from posefuse.core.errors import choices
 from posefuse.formats.rig import rescaled_cameras
@@ -125,9 +125,6 @@ def calibrate_intrinsics(
                 found.append(board.calibrate_intrinsics(observations, kind))
             except RefusedCalibration as error:
                 refused.append(error)
-            except CalibrationError as error:
-                unseen = Check("target seen", False, str(error))
-                refused.append(RefusedCalibration(CalibrationReport(f"intrinsics of {source.camera}", (unseen,))))
         report("intrinsics", len(sources), len(sources))
     others = None if not found else _intrinsics(found)
     if refused:

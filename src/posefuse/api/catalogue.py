@@ -208,7 +208,6 @@ def _looked_at(path: Path) -> Listed:
 # A small image of a recording, for lists; kept in the cache folder, as figures of it are.
 
 _IMAGE_WH = (320, 180)
-_QUALITY = 82
 
 
 def thumbnail(path: Path, within: Path | None = None) -> bytes:
@@ -237,7 +236,7 @@ def _small_image(path: Path, within: Path | None) -> bytes:
     recording = recording_of(read_result(path, lambda line: None), path=path)
     i, session = best_time_step(recording), session_with_videos(recording, path, within)
     if session is None:
-        return jpeg_of(stage_picture(recording, i, _IMAGE_WH), _QUALITY)
+        return jpeg_of(stage_picture(recording, i, _IMAGE_WH))
     camera = recording.rig.names[int(np.argmax((recording.views.score[i] > 0).sum(axis=(0, 2))))]
     with Playback(recording, session) as playback:
-        return playback.tile_jpeg(camera, int(recording.poses.t_ns[i]), _IMAGE_WH[0], quality=_QUALITY)
+        return playback.tile_jpeg(camera, int(recording.poses.t_ns[i]), _IMAGE_WH[0])

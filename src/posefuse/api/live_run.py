@@ -114,14 +114,13 @@ class LiveRun:
 
     Attributes:
         figures: plain values. stopped_by: name of the signal that ended it; empty: none. failed: an output or a video failed.
-        people: whether a person was ever tracked. poses: how many were published. blocks: figures and problems, for people.
+        people: whether a person was ever tracked. blocks: figures and problems, for people.
     """
 
     figures: Mapping[str, Any]
     stopped_by: str
     failed: bool
     people: bool
-    poses: int
     blocks: tuple[Block, ...]
 
     def summary(self) -> Sequence[Block]:
@@ -140,7 +139,6 @@ def finished_run(done: Finished, *, report: Path | None, more: Mapping[str, Any]
         stopped_by=done.stopped_by,
         failed=failed or done.fusion.outlets.failed,
         people=bool(done.fusion.poses_with_people),
-        poses=done.fusion.poses,
         blocks=(*problems, *live_summary(figures)),
     )
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import platform
+import re
 import shutil
 import sys
 from collections.abc import Sequence
@@ -102,7 +103,6 @@ def doctor() -> Machine:
         _processor(),
         _disk(),
         _cache(),
-        *_packages(),
         _video_codec(),
         *_models(),
         _network_devices(),
@@ -121,19 +121,9 @@ def _python() -> MachineCheck:
 
 
 def _processor() -> MachineCheck:
-    flags, cores = _cpu_flags(), usable_cores()
-    fast = [name for name in ("avx2", "avx512f", "avx512_bf16", "amx_bf16") if name in flags]
-    # only Linux lists what the processor can do
-    found = f"{cores} cores" + (f"; {', '.join(fast) or 'no AVX2'}" if flags else "")
-    return MachineCheck("processor", cores >= 2, False, found, "two cores or more keep decoding and inference apart")
-
-
-def _cpu_flags() -> set[str]:
-    info = Path("/proc/cpuinfo")
-    if not info.is_file():
-        return set()
-    lines = [line for line in info.read_text(encoding="utf-8", errors="replace").splitlines() if line.startswith("flags")]
-    return set(lines[0].split()) if lines else set()
+    cores = usable_cores()
+    cure = "two cores or more keep decoding and inference apart"
+    return MachineCheck("processor", cores >= 2, False, f"{cores} cores", cure)
 
 
 def _disk() -> MachineCheck:
@@ -156,12 +146,11 @@ def _cache() -> MachineCheck:
     )
 
 
-def _names_of(extra: str | None) -> list[str]:
-    """Distribution names that posefuse requires, for an extra or (None) always."""
-    wanted = f'extra == "{extra}"' if extra else None
-    lines = [(line.partition(";")[0], line.partition(";")[2]) for line in requires("posefuse") or []]
-    chosen = [name for name, marker in lines if (wanted in marker.replace("'", '"') if wanted else "extra" not in marker)]
-    return [name.split(">")[0].split("=")[0].split("<")[0].split("~")[0].split("[")[0].strip() for name in chosen]
+def _names_of(extra: str) -> list[str]:
+    """Names of the distributions of an extra."""
+    lines = [line.replace("'", '"').partition(";") for line in requires("posefuse") or []]
+    chosen = [name for name, _, marker in lines if f'extra == "{extra}"' in marker]
+    return [re.split(r"[<>=~![]", name)[0].strip() for name in chosen]
 
 
 def _installed(names: Sequence[str]) -> tuple[list[str], list[str]]:
@@ -172,12 +161,6 @@ def _installed(names: Sequence[str]) -> tuple[list[str], list[str]]:
         except PackageNotFoundError:
             absent.append(name)
     return present, absent
-
-
-def _packages() -> list[MachineCheck]:
-    present, absent = _installed(_names_of(None))
-    found = f"{len(present)} packages" + (f"; missing: {', '.join(absent)}" if absent else "")
-    return [MachineCheck("core packages", not absent, True, found, "install posefuse again")]
 
 
 def _tracking() -> MachineCheck:

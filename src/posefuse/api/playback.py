@@ -19,7 +19,7 @@ from posefuse.pipeline.session import Input, Session, find_session
 from posefuse.pipeline.solve import config_of
 from posefuse.pipeline.writing import lies_in, nearby_session
 from posefuse.realtime.video_keeping import read_counts
-from posefuse.sources import ImagesSeeker, Seeker, VideoConfig, VideoSeeker, nearest
+from posefuse.sources import Seeker, nearest
 
 R = TypeVar("R", bound=core.Recording)
 
@@ -62,9 +62,6 @@ def _in_time(recording: core.Recording, session: Session) -> Iterator[Input]:
         offset_s = (kept.zero_ns - start_ns) / 1e9
         if offset_s + kept.first_s <= end_s and offset_s + kept.last_s >= 0:
             yield replace(entry, settings=replace(entry.settings, offset_s=offset_s, drift_ppm=0.0))
-
-
-JPEG_QUALITY = 75
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -112,7 +109,7 @@ class Playback(Closing, Generic[R]):
     def begin_ns(self) -> int:
         """The first time step at which all cameras with images have one; the recording's first where there is no such time."""
         t_ns = self.recording.poses.t_ns
-        begins = [int(one.times_ns[0]) for one in self._seekers.values() if len(one.times_ns)]
+        begins = [int(one.times_ns[0]) for one in self._seekers.values()]
         if not len(t_ns):
             return 0
         later = np.flatnonzero(t_ns >= max(begins, default=0))
@@ -146,19 +143,19 @@ class Playback(Closing, Generic[R]):
         detected_px, projected_px = ((xy + 0.5) * scale - 0.5 for xy in (detected, projected))
         return PlaybackStep(
             t_ns=shown_ns,
-            jpeg=jpeg_of(tile, JPEG_QUALITY),
+            jpeg=jpeg_of(tile),
             size_wh=(tile.shape[1], tile.shape[0]),
             detected_px=detected_px,
             projected_px=projected_px,
         )
 
-    def tile_jpeg(self, camera: str, t_ns: int, width_px: int, *, quality: int = JPEG_QUALITY) -> bytes:
+    def tile_jpeg(self, camera: str, t_ns: int, width_px: int) -> bytes:
         """What a camera saw nearest to a time with skeletons and detections on top, on plain ground without a frame."""
         i, c = self.step_at(t_ns), self.cameras.index(camera)
         found = self._image(camera, t_ns)
         image = None if found is None else found[1]
         size_wh = self.recording.rig.cameras[c].size_wh if image is None else (image.shape[1], image.shape[0])
-        return jpeg_of(view_tile(self.recording, i, c, image, _tile_wh(size_wh, width_px), notes=False), quality)
+        return jpeg_of(view_tile(self.recording, i, c, image, _tile_wh(size_wh, width_px), notes=False))
 
     def close(self) -> None:
         """Release the videos."""
@@ -168,16 +165,14 @@ class Playback(Closing, Generic[R]):
     def _image(self, camera: str, t_ns: int) -> tuple[int, Array] | None:
         """The frame nearest to a time, and its own; None where the camera has none within a period of it."""
         seeker = self._seekers.get(camera)
-        if seeker is None or not len(seeker.times_ns):
+        if seeker is None:
             return None
-        i = nearest(seeker.times_ns, t_ns)
         period_ns = float(np.median(np.diff(seeker.times_ns))) if len(seeker.times_ns) > 1 else np.inf
-        if abs(int(seeker.times_ns[i]) - t_ns) > period_ns:
-            return None
         try:
-            return int(seeker.times_ns[i]), np.asarray(seeker.at(i).image)
+            frame = seeker.at(nearest(seeker.times_ns, t_ns))
         except SourceError:
             return None
+        return (frame.t_ns, np.asarray(frame.image)) if abs(frame.t_ns - t_ns) <= period_ns else None
 
 
 def _tile_wh(size_wh: tuple[int, int], width_px: int) -> tuple[int, int]:
@@ -191,8 +186,7 @@ def _opened(recording: core.Recording, session: Session, problems: dict[str, str
         if entry.camera not in recording.rig.names or entry.kind == "pose2d":
             continue
         try:
-            one = source_config(entry, config, len(session.inputs))
-            seekers[entry.camera] = VideoSeeker(one) if isinstance(one, VideoConfig) else ImagesSeeker(one.build())
+            seekers[entry.camera] = Seeker(source_config(entry, config, len(session.inputs)).build())
         except SourceError as error:
             problems[entry.camera] = str(error)
     return seekers

@@ -166,16 +166,21 @@ def record(
 
     Raises:
         SourceError: no source, one that fails, or none that delivers a frame. InputError: `out` cannot be used.
+        CalibrationError: a chessboard, whose corners cameras count from different ends.
 
     Examples:
         >>> import posefuse as pf
         >>> pf.record({"cam1": "usb:0", "cam2": "usb:1"}, "SESSION", duration_s=10).videos  # doctest: +SKIP
     """
+    from posefuse.calibration.targets.kinds import check_one_end
+
     from .calibrate import target_of
 
     if out is None and target is None:
         raise InputError("record: expected a folder `out` for the videos, or a target to look at")
     folder, kind = None if out is None else Path(out), None if target is None else target_of(target)
+    if kind is not None:
+        check_one_end(kind)
     cameras = None if rig is None else rig_of(rig)
     inputs = inputs_from_arguments(sources, cameras, ros)
     check_any(inputs)

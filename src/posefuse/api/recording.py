@@ -14,7 +14,7 @@ from posefuse.core import InputError, Progress
 from posefuse.core.arrays import Array
 from posefuse.foundation.summary import Block, Facts, Heading
 
-from .arguments import checked, html_table, shown
+from .arguments import checked, shown
 from .values import Rig, rig_of
 
 if TYPE_CHECKING:
@@ -41,15 +41,6 @@ class JointAngles(core.JointAngles):
         >>> angles["left_knee", "flexion"].deg.max()  # doctest: +SKIP
         >>> angles.to_dataframe().groupby(["joint", "angle"]).deg.max()  # doctest: +SKIP
     """
-
-    def _repr_html_(self) -> str:
-        known = zip(self.angles, self.angle_rad.reshape(-1, 3 * len(self.joints)).T, strict=True)
-        rows = [
-            (joint, name, f"{np.degrees(np.nanmin(rad)):.1f}", f"{np.degrees(np.nanmax(rad)):.1f}")
-            for (joint, name), rad in known
-            if np.isfinite(rad).any()
-        ]
-        return html_table(repr(self), ("joint", "angle", "least deg", "greatest deg"), rows)
 
     def to_xarray(self) -> Dataset:
         """Angles and their standard deviations in radians, axes time, person, angle; needs the extra ``data``."""
@@ -138,10 +129,6 @@ class Recording(core.Recording):
             f"  observations: {len(self.observations)} detections in {self.observations.image_count} images\n"
             f"  made by posefuse {self.provenance.get('posefuse', '?')} from {self.provenance.get('session', '?')}"
         )
-
-    def _repr_html_(self) -> str:
-        title, *facts = repr(self).splitlines()
-        return html_table(title, (), [fact.strip().split(": ", 1) for fact in facts])
 
     @property
     def duration_s(self) -> float:
@@ -441,7 +428,7 @@ class Recording(core.Recording):
         from posefuse.outputs import rerun
         from posefuse.pipeline.writing import session_frames
 
-        file = None if self.path is None else self.path / rerun.FILE
+        file = None if self.path is None else self.path / rerun.RerunSink.file
         if session is None and file is not None and file.is_file():
             rerun.open_in_viewer(file)
             return file

@@ -19,7 +19,7 @@ from posefuse.core import InputError
 from posefuse.core.arrays import Array
 from posefuse.foundation.output_file import atomic_file, check_output_file, keep_copy
 from posefuse.foundation.settings import settings_from_mapping
-from posefuse.sources import VideoConfig, VideoSeeker
+from posefuse.sources import Seeker, VideoConfig
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -79,7 +79,8 @@ def _described(settings: Mapping[str, Any]) -> Target:
     described = settings_from_mapping(settings, TargetDescription, where="target")
 
     def missing(names: Any) -> InputError:
-        return InputError(f"target {described.kind}: missing {', '.join(f'`{name}=MM`' for name in names)}")
+        lacking = ", ".join(f"`{name}={'MM' if name.endswith('_mm') else 'N'}`" for name in names)
+        return InputError(f"target {described.kind}: missing {lacking}")
 
     return described_target(described, missing)
 
@@ -93,12 +94,10 @@ def best_view(video: str | Path, target: Target) -> tuple[Array, Array]:
     Raises:
         SourceError: not a video, or one without a frame.
     """
-    detector, seeker = TargetDetector(target), VideoSeeker(VideoConfig(Path(video), Path(video).stem))
-    try:
+    detector = TargetDetector(target)
+    with Seeker(VideoConfig(Path(video), Path(video).stem).build()) as seeker:
         places = np.linspace(0, len(seeker.times_ns) - 1, _LOOKS + 2).round().astype(int)[1:-1]
         images = [seeker.at(i).image for i in dict.fromkeys(places.tolist())]
-    finally:
-        seeker.close()
     found = [(image, detector.detect(cv2.cvtColor(image, cv2.COLOR_RGB2GRAY)).xy_img) for image in images]
     middle = len(found) // 2
     return max(enumerate(found), key=lambda one: (len(one[1][1]), one[0] == middle))[1]

@@ -12,8 +12,6 @@ from posefuse.core import Detections2D, Detector, Frame, Region, Skeleton
 from posefuse.core.arrays import Array
 from posefuse.fusion.settings import Weights
 
-from .arguments import html_table
-
 if TYPE_CHECKING:
     from posefuse.fusion import Triangulated
 
@@ -29,18 +27,6 @@ class Rig(core.Rig):
         >>> xyz.round(3).tolist()
         [[0.1, -0.2, 1.0]]
     """
-
-    def _repr_html_(self) -> str:
-        rows = [
-            (
-                one.name,
-                "{} x {}".format(*one.size_wh),
-                f"{one.K[0, 0]:.0f}",
-                ", ".join(f"{value:.2f}" for value in one.centre_world),
-            )
-            for one in self
-        ]
-        return html_table(repr(self), ("camera", "px", "focal length px", "place m"), rows)
 
     def triangulate(
         self, xy_img: Any, score: Any = None, sigma_px: Any = None, *, weights: Weights | None = None, depth_m: Any = None

@@ -15,10 +15,7 @@ from typing import Generic, TypeVar
 import numpy as np
 from scipy.sparse import csr_matrix
 
-from posefuse.core import Camera
 from posefuse.core.arrays import SIGMA_PER_MAD, Array
-
-from .geometry import Lenses, Poses, hat
 
 State = TypeVar("State")
 
@@ -33,8 +30,7 @@ class ResidualBlock:
 
     Attributes:
         jacobian: (N, 2, p) change of each predicted point. index: (N,) which of the kind. count: how many there are.
-        prior: (count, p) inverse variance that pulls a step's total towards `offset`; 0 for none.
-        offset: (count, p) present distance from the prior's mean.
+        prior: (count, p, p) inverse covariance of the prior; None for none. offset: (count, p) present distance from its mean.
     """
 
     jacobian: Array
@@ -224,8 +220,9 @@ class _System:
             mixed = grouped_sum(_outer(weighted[i], local), linear.local_index * n + block.index, locals_ * n)
             self._B[:, s : s + n * p] = mixed.reshape(locals_, n * p, q)
             if block.prior is not None and block.offset is not None:
-                self._A[range(s, s + n * p), range(s, s + n * p)] += block.prior.ravel()
-                self._g[s : s + n * p] += (block.prior * block.offset).ravel()
+                for own in np.arange(s, s + n * p).reshape(n, p):
+                    self._A[np.ix_(own, own)] += block.prior[(own[0] - s) // p]
+                self._g[s : s + n * p] += (block.prior @ block.offset[..., None]).ravel()
         self._C = grouped_sum(_outer(local * weight[:, None, None], local), linear.local_index, locals_)
         self._h = grouped_sum((local * self._weighted_residual[:, :, None]).sum(axis=1), linear.local_index, locals_)
         self._A = self._A[np.ix_(self._free, self._free)]
@@ -285,153 +282,3 @@ class _System:
 def _outer(left: Array, right: Array) -> Array:
     """(N, p, r) left^T right of Jacobians (N, 2, p) and (N, 2, r)."""
     return np.asarray(np.swapaxes(left, 1, 2) @ right)
-
-
-_CAUCHY = 2.0
-_ROUGH_SIGMA_PX = 8.0
-_LEAST_SIGMA_PX = 0.05
-# what is known of a camera's focal length (share), clock (s) and clock rate before they are let free
-_TERM_SIGMA = np.array([0.5, 0.5, 3e-3])
-FOCAL, LATE, DRIFT = 0, 1, 2
-
-
-@dataclass(frozen=True, eq=False)
-class PointViews:
-    """Rows of seen points.
-
-    Attributes:
-        camera, point: (N,). xy_img: (N, 2) px. point_count: P.
-        relative_sigma: (N,) how much noisier a row is than the common spread.
-        velocity_px_s: (N, 2) of the seen points, and since_s: (N,) time from the middle of the recording, needed where clocks are
-            let free. block: (P,) number of the stretch of time of each point: errors within one are not independent.
-    """
-
-    camera: Array
-    point: Array
-    xy_img: Array
-    point_count: int
-    relative_sigma: Array
-    velocity_px_s: Array
-    since_s: Array
-    block: Array
-
-
-@dataclass(frozen=True, eq=False)
-class PointState:
-    """Unknowns.
-
-    Attributes:
-        cam_from_world: (C,). xyz: (P, 3). terms: (C, 3): focal lengths longer by a share, clocks late by s, clocks
-            fast by a share.
-    """
-
-    cam_from_world: Poses
-    xyz: Array
-    terms: Array
-
-
-@dataclass(frozen=True, eq=False)
-class PointSolution:
-    """Where the solve stopped.
-
-    Attributes:
-        state: unknowns; the scale is that of the start. sigma_px: robust spread of a coordinate.
-        residual_px: (N, 2) predicted minus observed. terms_sigma: (C, 3) standard errors; 0 where held.
-    """
-
-    state: PointState
-    sigma_px: float
-    residual_px: Array
-    terms_sigma: Array
-
-
-@dataclass(frozen=True)
-class PointFreedom:
-    """All cameras move except `reference`, and except the translation component `scale` (camera, axis).
-
-    Attributes:
-        focal: let every focal length free. clocks: and every clock but the reference's. drift: and its rate.
-    """
-
-    reference: int
-    scale: tuple[int, int]
-    focal: bool = False
-    clocks: bool = False
-    drift: bool = False
-
-
-def solve_points(views: PointViews, cameras: tuple[Camera, ...], start: PointState, freedom: PointFreedom) -> PointSolution:
-    """A robust solve with a wide loss, and one with the spread found."""
-    first = solve_bundle(_PointProblem(views, cameras, freedom, _ROUGH_SIGMA_PX), start)
-    sigma = first.spread_px(_ROUGH_SIGMA_PX, _LEAST_SIGMA_PX)
-    second = solve_bundle(_PointProblem(views, cameras, freedom, sigma), first.state)
-    found = second.spread_px(sigma, _LEAST_SIGMA_PX)
-    terms_sigma = _terms_sigma(second, views, freedom, (found / sigma) ** 2)
-    return PointSolution(second.state, found, second.residual * sigma * views.relative_sigma[:, None], terms_sigma)
-
-
-def _free(count: int, freedom: PointFreedom) -> tuple[Array, Array]:
-    poses, terms = np.zeros((count, 6), bool), np.zeros((count, len(_TERM_SIGMA)), bool)
-    others = np.arange(count) != freedom.reference
-    poses[others] = True
-    poses[freedom.scale[0], 3 + freedom.scale[1]] = False
-    terms[:, FOCAL] = freedom.focal
-    terms[:, LATE] = others & freedom.clocks
-    terms[:, DRIFT] = others & freedom.drift
-    return poses, terms
-
-
-def _terms_sigma(solution: Solution[PointState], views: PointViews, freedom: PointFreedom, scale: float) -> Array:
-    poses, terms = _free(len(solution.state.terms), freedom)
-    sigma = np.zeros(terms.shape)
-    if terms.any():
-        covariance = clustered_covariance(solution.covariance * scale, solution.scores / scale, views.block)
-        sigma[terms] = np.sqrt(np.diag(covariance)[np.count_nonzero(poses) :])
-    return sigma
-
-
-class _PointProblem(Problem[PointState]):
-    """Residuals and Jacobians of the rows."""
-
-    cauchy = _CAUCHY
-
-    def __init__(self, views: PointViews, cameras: tuple[Camera, ...], freedom: PointFreedom, sigma_px: float) -> None:
-        self._views, self._lenses, self._count = views, Lenses(cameras), len(cameras)
-        self.free, self.local_count = _free(self._count, freedom), views.point_count
-        self.group, self.group_count = np.arange(len(views.camera)), len(views.camera)
-        self._scale = (sigma_px * views.relative_sigma)[:, None]
-        self._centre = np.stack([camera.K[:2, 2] for camera in cameras])[views.camera]
-        self._prior = np.broadcast_to(1 / _TERM_SIGMA**2, (self._count, len(_TERM_SIGMA)))
-
-    def _in_cameras(self, state: PointState) -> Array:
-        return state.cam_from_world[self._views.camera].move(state.xyz[self._views.point])
-
-    def residual(self, state: PointState) -> Array:
-        views = self._views
-        longer, late_s, drift = state.terms[views.camera].T
-        away = self._lenses.px(views.camera, self._in_cameras(state)) - self._centre
-        # a frame stamped late shows an earlier moment
-        late_px = views.velocity_px_s * (late_s + drift * views.since_s)[:, None]
-        return np.asarray((self._centre + away * (1 + longer)[:, None] - late_px - views.xy_img) / self._scale)
-
-    def linearise(self, state: PointState) -> Linearised:
-        views, cam, scale = self._views, self._in_cameras(state), self._scale[..., None]
-        longer = (1 + state.terms[views.camera, FOCAL])[:, None, None]
-        d_cam = self._lenses.px_jacobian(views.camera, cam) * longer / scale
-        turned = cam - state.cam_from_world.t[views.camera]
-        pose = np.concatenate([-d_cam @ hat(turned), d_cam], axis=2)
-        in_world = d_cam @ state.cam_from_world.R[views.camera]
-        away = self._lenses.px(views.camera, cam) - self._centre
-        late = -views.velocity_px_s
-        terms = np.stack([away, late, late * views.since_s[:, None]], axis=2) / scale
-        blocks = (
-            ResidualBlock(pose, views.camera, self._count),
-            ResidualBlock(terms, views.camera, self._count, self._prior, state.terms),
-        )
-        return Linearised(blocks, in_world, views.point)
-
-    def step(self, state: PointState, blocks: list[Array], local: Array) -> PointState:
-        return PointState(state.cam_from_world.stepped(blocks[0]), state.xyz + local, state.terms + blocks[1])
-
-    def prior_cost(self, state: PointState) -> float:
-        return float((self._prior * state.terms**2).sum())

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any
 
+import cv2
 import numpy as np
 
 from posefuse.core import SE3, Camera, lens
@@ -191,3 +193,14 @@ class Lenses:
 def _ahead(xyz_cam: Array) -> Array:
     """(N,) depths; NaN behind the camera."""
     return np.where(xyz_cam[:, 2] > 0, xyz_cam[:, 2], np.nan)
+
+
+@contextmanager
+def one_opencv_thread() -> Iterator[None]:
+    """For OpenCV's calibration: several threads sum its views in the order in which they are done, which differs in each run."""
+    threads = cv2.getNumThreads()
+    cv2.setNumThreads(1)
+    try:
+        yield
+    finally:
+        cv2.setNumThreads(threads)

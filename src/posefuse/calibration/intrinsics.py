@@ -13,17 +13,17 @@ from typing import Any
 import cv2
 import numpy as np
 
-from posefuse.calibration.report import LIMITS, CalibrationReport, Check
+from posefuse.calibration.geometry import one_opencv_thread
+from posefuse.calibration.report import LIMITS, CalibrationReport, Check, RefusedCalibration
 from posefuse.calibration.targets.corners import CornerObservations
 from posefuse.calibration.targets.coverage import coverage
-from posefuse.calibration.targets.kinds import BOARD_PATCH, LEAST_CORNERS, Target, check_board, in_a_plane
-from posefuse.core import SE3, CalibrationError, Camera
+from posefuse.calibration.targets.kinds import LEAST_CORNERS, LEAST_VIEWS, Target, check_board, in_a_plane
+from posefuse.core import SE3, Camera
 from posefuse.core.arrays import Array, freeze_fields
 
 PARAMETERS = ("fx", "fy", "cx", "cy", "k1", "k2", "p1", "p2", "k3")
 
 _MOST_VIEWS = 40
-_LEAST_VIEWS = 4
 _LEAST_SHARPNESS = 0.4
 _OUTLIER_RATIO = 2.5
 _SIGNIFICANT = 3.0
@@ -62,78 +62,82 @@ class Intrinsics:
 
 
 @dataclass(frozen=True, eq=False)
-class _View:
+class View:
+    """A flat patch of a target in one image, at t_ns.
+
+    Attributes:
+        xyz: (n, 3) its corners. xy: (n, 2) px at which they were seen. sharpness: of the first one's edges.
+    """
+
     t_ns: int
     xyz: Array
     xy: Array
     sharpness: float
-    feature: Array
 
 
 def calibrate_intrinsics(observations: CornerObservations, target: Target) -> Intrinsics:
     """Intrinsics of the one camera in `observations`.
 
     Raises:
-        CalibrationError: too few views, a target that cannot serve, or (as RefusedCalibration, with the report) a check that does
-            not hold.
+        CalibrationError: a target that cannot serve. RefusedCalibration: too few views, or a check that does not hold.
     """
     (name,), (size_wh,) = observations.cameras, observations.sizes_wh
     check_board(target)
-    views = _views(observations, target)
-    if len(views) < _LEAST_VIEWS:
-        raise CalibrationError(
-            f"camera {name}: expected at least {_LEAST_VIEWS} views with {LEAST_CORNERS} corners or more, got {len(views)}"
-            f" in {observations.frame_count[0]} frames; show the board from more places and slants"
+    views = flat_views(observations, target, LEAST_CORNERS)
+    if len(views) < LEAST_VIEWS:
+        detail = (
+            f"expected at least {LEAST_VIEWS} views with {LEAST_CORNERS} corners or more, got {len(views)}"
+            f" in {observations.frame_count[0]} frames"
         )
-    views = _spread(_sharp(views))
+        few = Check("target seen", False, detail, "show the board from more places and slants")
+        raise RefusedCalibration(CalibrationReport(f"camera {name}", (few,)))
+    views = _spread(_sharp(views), size_wh)
     solved = _solve(views, size_wh)
     # a view that fits far worse than the others was blurred or wrongly detected
     good = solved.view_rms_px <= _OUTLIER_RATIO * np.median(solved.view_rms_px)
     dropped = int((~good).sum())
-    if dropped and good.sum() >= _LEAST_VIEWS:
+    if dropped and good.sum() >= LEAST_VIEWS:
         views = [view for view, keep in zip(views, good, strict=True) if keep]
         solved = _solve(views, size_wh)
     return _result(name, size_wh, observations, views, solved, dropped)
 
 
-def _views(observations: CornerObservations, target: Target) -> list[_View]:
-    board = target.corners(BOARD_PATCH)
+def flat_views(observations: CornerObservations, target: Target, least: int) -> list[View]:
+    """What one camera saw of each patch, image by image; without those of fewer corners than `least`, or all on a line."""
     starts = observations.view_starts()
+    corners = {patch: target.corners(patch) for patch in np.unique(observations.patch).tolist()}
     views = []
     for first, end in zip(starts, np.append(starts[1:], len(observations)), strict=True):
-        if end - first < LEAST_CORNERS:
-            continue
-        xyz, xy = board[observations.corner[first:end]], observations.xy_img[first:end]
-        if not in_a_plane(xyz):
-            continue
-        feature = _feature(xyz, xy, observations.sizes_wh[0])
-        views.append(_View(int(observations.t_ns[first]), xyz, xy, float(observations.sharpness[first]), feature))
+        xyz = corners[int(observations.patch[first])][observations.corner[first:end]]
+        if len(xyz) >= least and in_a_plane(xyz):
+            sharpness = float(observations.sharpness[first])
+            views.append(View(int(observations.t_ns[first]), xyz, observations.xy_img[first:end], sharpness))
     return views
 
 
-def _feature(xyz: Array, xy: Array, size_wh: tuple[int, int]) -> Array:
+def _feature(view: View, size_wh: tuple[int, int]) -> Array:
     """Place (2), size (1) and perspective (2) of a board in the image, each about 0..1 over what is usual."""
-    scale = np.ptp(xyz[:, :2], axis=0).max()
-    homography, _ = cv2.findHomography(xyz[:, :2] / scale, xy)
+    scale = np.ptp(view.xyz[:, :2], axis=0).max()
+    homography, _ = cv2.findHomography(view.xyz[:, :2] / scale, view.xy)
     slant = homography[2, :2] * 2.0 if homography is not None else np.zeros(2)
-    size = np.sqrt(np.prod(np.ptp(xy, axis=0))) / np.sqrt(size_wh[0] * size_wh[1])
-    return np.concatenate([xy.mean(axis=0) / size_wh, [size], slant])
+    size = np.sqrt(np.prod(np.ptp(view.xy, axis=0))) / np.sqrt(size_wh[0] * size_wh[1])
+    return np.concatenate([view.xy.mean(axis=0) / size_wh, [size], slant])
 
 
-def _sharp(views: list[_View]) -> list[_View]:
+def _sharp(views: list[View]) -> list[View]:
     """Views whose edges are not much softer than usual; all when too few would be left."""
     sharpness = np.array([view.sharpness for view in views])
     if not np.isfinite(sharpness).any():
         return views
     keep = sharpness >= _LEAST_SHARPNESS * np.nanmedian(sharpness)
-    return [view for view, ok in zip(views, keep, strict=True) if ok] if keep.sum() >= _LEAST_VIEWS else views
+    return [view for view, ok in zip(views, keep, strict=True) if ok] if keep.sum() >= LEAST_VIEWS else views
 
 
-def _spread(views: list[_View]) -> list[_View]:
+def _spread(views: list[View], size_wh: tuple[int, int]) -> list[View]:
     """Not too many views, each the farthest from those taken before; sharpness decides the first."""
     if len(views) <= _MOST_VIEWS:
         return views
-    features = np.array([view.feature for view in views])
+    features = np.array([_feature(view, size_wh) for view in views])
     taken = [int(np.argmax([view.sharpness for view in views]))]
     distance = np.full(len(views), np.inf)
     while len(taken) < _MOST_VIEWS:
@@ -153,10 +157,10 @@ class _Solved:
     xyz: Array
 
 
-def _solve(views: list[_View], size_wh: tuple[int, int]) -> _Solved:
+def _solve(views: list[View], size_wh: tuple[int, int]) -> _Solved:
     """The richest lens model whose last coefficients all differ from 0 by three standard errors."""
     for flags, newest in _MODELS:
-        solved = _solve_model(views, size_wh, flags)
+        solved = solve_model(views, size_wh, flags)
         values = dict(zip(PARAMETERS[4:], solved.distortion, strict=True))
         sigma = dict(zip(PARAMETERS, solved.sigma, strict=True))
         if any(abs(values[n]) > _SIGNIFICANT * sigma[n] for n in newest):
@@ -164,14 +168,16 @@ def _solve(views: list[_View], size_wh: tuple[int, int]) -> _Solved:
     return solved
 
 
-def _solve_model(views: list[_View], size_wh: tuple[int, int], flags: int) -> _Solved:
+def solve_model(views: list[View], size_wh: tuple[int, int], flags: int, start: Array | None = None) -> _Solved:
+    """The intrinsics by Zhang's method; `flags` of OpenCV hold some of them, and `start` is where others begin."""
     calibrate: Any = cv2.calibrateCameraExtended  # whose stubs forbid None where the documentation asks for it
-    rms, K, distortion, rotvec, xyz, sigma, _, per_view = calibrate(
-        [view.xyz.astype(np.float32) for view in views],
-        [view.xy.astype(np.float32).reshape(-1, 1, 2) for view in views],
-        size_wh, None, None, flags=flags,
-        criteria=(cv2.TERM_CRITERIA_EPS + cv2.TERM_CRITERIA_MAX_ITER, 200, 1e-10),
-    )  # fmt: skip
+    with one_opencv_thread():
+        rms, K, distortion, rotvec, xyz, sigma, _, per_view = calibrate(
+            [view.xyz.astype(np.float32) for view in views],
+            [view.xy.astype(np.float32).reshape(-1, 1, 2) for view in views],
+            size_wh, start, None, flags=flags,
+            criteria=(cv2.TERM_CRITERIA_EPS + cv2.TERM_CRITERIA_MAX_ITER, 200, 1e-10),
+        )  # fmt: skip
     errors = np.asarray(sigma).ravel()[:9]
     return _Solved(
         K=np.asarray(K),
@@ -185,7 +191,7 @@ def _solve_model(views: list[_View], size_wh: tuple[int, int], flags: int) -> _S
 
 
 def _result(
-    name: str, size_wh: tuple[int, int], observations: CornerObservations, views: list[_View], solved: _Solved, dropped: int
+    name: str, size_wh: tuple[int, int], observations: CornerObservations, views: list[View], solved: _Solved, dropped: int
 ) -> Intrinsics:
     times = np.array([view.t_ns for view in views])
     cells = coverage(observations.rows(np.isin(observations.t_ns, times))).cells[0]
@@ -258,7 +264,7 @@ _FOCUS = ("focus is fixed", "switch autofocus, zoom and stabilisation off, and r
 _PARTS = (0.25, 0.5, 0.75)
 
 
-def _assumptions(views: list[_View], solved: _Solved) -> tuple[Check, ...]:
+def _assumptions(views: list[View], solved: _Solved) -> tuple[Check, ...]:
     """What the solve takes for granted, each let free by itself in one linear step from the solution.
 
     One fails when it changes focal length or principal point by more than `LIMITS.focal_share` of the focal length, and differs
@@ -303,7 +309,7 @@ def _assumptions(views: list[_View], solved: _Solved) -> tuple[Check, ...]:
     return tuple(Check(one[0], not (wrong and one == found[0][2]), line, one[1]) for one, line in lines.items())
 
 
-def _freed(view: _View, solved: _Solved, i: int, kept: Array) -> Array:
+def _freed(view: View, solved: _Solved, i: int, kept: Array) -> Array:
     """(2n, lens + 6) derivatives of a view's image points, less what its pose absorbs: by the intrinsics that were solved for, a
     share of both focal lengths, of the board's height, its curvatures (3, 1/m); and at last how far the points are off."""
     step, (pose, shift) = 1e-4, (solved.rotvec[i], solved.xyz[i])
@@ -321,5 +327,5 @@ def _freed(view: _View, solved: _Solved, i: int, kept: Array) -> Array:
     return np.asarray(rows - absorbed @ (absorbed.T @ rows))
 
 
-def _depth_m(view: _View, solved: _Solved, i: int) -> float:
+def _depth_m(view: View, solved: _Solved, i: int) -> float:
     return float((SE3.from_rotvec(solved.rotvec[i], solved.xyz[i]) @ view.xyz)[:, 2].mean())

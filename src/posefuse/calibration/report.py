@@ -105,7 +105,7 @@ class Limits:
     `corner_spread` or `apart_m` alone, and none fails `own_*`, which have tests only.
 
     Attributes:
-        corner_spread_px_per_1000: of a corner coordinate, per 1000 px of image width. Detection leaves 0.1 to 0.4 (docs).
+        corner_spread_px_per_1000: of a corner coordinate, per 1000 px of image width. The four webcams of `caliscope` leave 0.32.
         segments, segment_views, segment_share: the recording is cut into so many parts; a part of a camera with so many views
             must agree by this share. Judgement.
         position_sigma_share: standard error of a camera's position over the target's usual distance. Judgement: 20 mm of 4 m.
@@ -115,7 +115,8 @@ class Limits:
             errors. Judgement.
         turned_rad: a camera may turn by this against the others over the recording, as in the background of its images
             (`health.background`). Three of the webcams, which stand still, show 0.15 deg of 9 standard errors.
-        focal_share: focal lengths that are let free may change by this. Intrinsics from a board repeat to 0.1 to 0.3 % (docs).
+        focal_share: focal lengths that are let free may change by this. Judgement: twice the standard error of intrinsics from a
+            board, which is 0.2 to 0.3 % with 0.25 px of noise in the corners.
         centre_rad: and the principal point by this. Judgement; the webcams, whose rig is right, show 2.2 deg, which their halves
             do not confirm.
         bend_px_per_1000: and image points at the rim by distortion, per 1000 px of width. Judgement.
@@ -123,7 +124,7 @@ class Limits:
         lens_sigma: none of the five refuses below so many standard errors.
         own_depth_ratio, own_focal_sigma, own_bend_px_per_1000: intrinsics from the recording of the extrinsics need a target that
             was so much farther away at times, and standard errors of focal length (share) and distortion at the rim below these.
-            Judgement: what a board gives (0.1 to 0.3 %), and the limits above.
+            Judgement: what a board gives, and the limits above.
         late_s, drift, late_sigma: clocks of synchronised cameras. 4 ms is 4 mm at 1 m/s.
         apart_m: two cameras nearer than this share a body. Judgement.
         facing_share: of marker views that must show the printed face. Judgement; a mirrored board has 0.

@@ -8,13 +8,13 @@ from itertools import combinations
 
 import numpy as np
 
-from posefuse.calibration.extrinsics.prop_solve import Freedom, PropSolution
+from posefuse.calibration.extrinsics.prop_solve import Freedom, SolvedRig, focal_change, focal_sigma
 from posefuse.calibration.extrinsics.snapshots import Snapshots, evenly, snapshots
 from posefuse.calibration.extrinsics.world import aligned, placed_by_rig, triangulate_linear
 from posefuse.calibration.geometry import Lenses, angle_between, centre_covariance_m2
 from posefuse.calibration.targets.corners import CornerObservations
 from posefuse.calibration.targets.coverage import CELLS_WH, cell_of
-from posefuse.calibration.targets.kinds import Target, check_one_end, patch_corners
+from posefuse.calibration.targets.kinds import Target, check_one_end
 from posefuse.core import CalibrationError, Rig
 from posefuse.core.arrays import Array
 
@@ -22,8 +22,8 @@ from .report import CalibrationReport, Check
 
 # time steps that are measured: of all cameras, and of each at least
 _MOST_VIEWS, _LEAST_VIEWS = 80, 25
-# intrinsics besides the focal length are taken as given (px, and distortion coefficients)
-_HELD_PX, _HELD_BEND, _FREE_FOCAL = 0.01, 1e-6, 0.2
+# what is known of a focal length before it is let free, as a share; the other intrinsics are taken as given
+_FREE_FOCAL = 0.2
 
 
 @dataclass(frozen=True)
@@ -153,49 +153,48 @@ def _against(rig: Rig, views: Snapshots, target: Target, c: int, others: Iterabl
     shared = np.unique(views.time_step[np.isin(views.camera, trusted)])
     seen = views.rows(np.isin(views.camera, [*trusted, c]) & np.isin(views.time_step, shared))
     count = len(np.unique(seen.time_step[seen.camera == c]))
-    focal_px = _FREE_FOCAL * rig.cameras[c].K[0, 0]
-    sigma = np.array([focal_px, focal_px, _HELD_PX, _HELD_PX, _HELD_BEND, _HELD_BEND])
+    sigma = focal_sigma((rig.cameras[c],), _FREE_FOCAL)
     freedom = Freedom(reference=None, held_patches=None, offset=True, lens_sigma=sigma, lens_of=(c,), moving=(c,))
     enough = trusted and count >= VERIFY_LIMITS.views
     freed = placed_by_rig(rig, seen, seen.rows(seen.camera != c), target, freedom) if enough else None
-    return CameraError(name=rig.names[c], views=count) if freed is None else _error(rig, *freed, target=target, c=c, count=count)
+    return CameraError(name=rig.names[c], views=count) if freed is None else _error(freed, c, count)
 
 
-def _effect(rig: Rig, solution: PropSolution, seen: Snapshots, target: Target, c: int) -> tuple[float, float]:
+def _effect(freed: SolvedRig, c: int) -> tuple[float, float]:
     """How far the camera as it is sees points from where the camera of the rig would, px (rms) per 1000 px of width; and the
     standard error."""
-    mine = seen.rows(seen.camera == c)
-    corners = patch_corners(target, mine.patches)[mine.patch, mine.corner]
-    xyz = solution.state.world_from_prop[mine.time_step].move(corners)
-    before, after = rig.cameras[c].cam_from_world @ xyz, solution.state.cam_from_world[mine.camera].move(xyz)
+    camera, solution, of_camera = freed.cameras[c], freed.solution, freed.seen.camera == c
+    mine = freed.seen.rows(of_camera)
+    xyz = solution.state.world_from_prop[mine.time_step].move(freed.corners[mine.patch, mine.corner])
+    before, after = camera.cam_from_world @ xyz, solution.state.cam_from_world[mine.camera].move(xyz)
     late_s = solution.state.delay_s[c, 0]
     apart = (
-        Lenses(tuple(rig), solution.state.lens_delta).px(mine.camera, after)
+        Lenses(freed.cameras, solution.state.lens_delta).px(mine.camera, after)
         - mine.velocity_px_s * late_s
-        - Lenses(tuple(rig)).px(mine.camera, before)
+        - Lenses(freed.cameras).px(mine.camera, before)
     )
-    squares = np.nanmean((apart**2).sum(axis=1)), np.nanmean(solution.predicted_sigma_px[seen.camera == c] ** 2)
-    effect, sigma = np.sqrt(squares) * 1000 / max(rig.cameras[c].size_wh)
+    squares = np.nanmean((apart**2).sum(axis=1)), np.nanmean(solution.predicted_sigma_px[of_camera] ** 2)
+    effect, sigma = np.sqrt(squares) * 1000 / max(camera.size_wh)
     return float(effect), float(sigma)
 
 
-def _error(rig: Rig, solution: PropSolution, seen: Snapshots, target: Target, c: int, count: int) -> CameraError:
-    before, after = rig.cameras[c].cam_from_world, solution.state.cam_from_world
-    covariance = solution.camera_covariance[c]
+def _error(freed: SolvedRig, c: int, count: int) -> CameraError:
+    camera, solution = freed.cameras[c], freed.solution
+    before, after, covariance = camera.cam_from_world, solution.state.cam_from_world, solution.camera_covariance[c]
     turn = float(angle_between(after.R[c][None], before.matrix()[None])[0])
-    shift = float(np.linalg.norm(after.inverse().t[c] - rig.cameras[c].centre_world))
-    mean = np.array([0.5, 0.5, 0, 0, 0, 0]) / rig.cameras[c].K[0, 0]
+    shift = float(np.linalg.norm(after.inverse().t[c] - camera.centre_world))
+    focal, focal_error = (float(one[c]) for one in focal_change(freed))
     off_px = np.linalg.norm(solution.residual_px, axis=1)
-    effect, effect_sigma = _effect(rig, solution, seen, target, c)
+    effect, effect_sigma = _effect(freed, c)
     return CameraError(
-        name=rig.names[c],
+        name=camera.name,
         views=count,
         turn_rad=turn,
         turn_sigma=float(np.sqrt(np.trace(covariance[:3, :3]))),
         shift_m=shift,
         shift_sigma=float(np.sqrt(np.trace(centre_covariance_m2(after[c], covariance)))),
-        focal=float(mean @ solution.state.lens_delta[c]),
-        focal_sigma=float(np.sqrt(mean @ solution.lens_covariance[c] @ mean)),
+        focal=focal,
+        focal_sigma=focal_error,
         late_s=float(solution.state.delay_s[c, 0]),
         late_sigma=float(solution.delay_sigma_s[c, 0]),
         effect=effect,

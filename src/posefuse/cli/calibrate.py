@@ -34,7 +34,7 @@ if TYPE_CHECKING:
 CameraRecordings = Annotated[str, Parameter(metavar="SESSION|NAME=PATH", required=True)]
 _TARGET = Group("Target", sort_key=2)
 _TARGET_SETTINGS = {
-    "kind": "target", "columns": "columns N", "rows": "rows N", "square_mm": "square-mm MM", "marker_mm": "marker-mm MM",
+    "columns": "columns N", "rows": "rows N", "square_mm": "square-mm MM", "marker_mm": "marker-mm MM",
     "ids": "ids A,B,...", "thickness_mm": "thickness-mm MM", "dictionary": "dictionary NAME", "inverted": "inverted",
     "legacy": "legacy",
 }  # fmt: skip
@@ -191,11 +191,13 @@ class PrintOptions(FileOptions, NamedSettings):
 
     Attributes:
         out: PDF to write; its description, which the other steps take as --target, goes next to it.
+        target: A ChArUco board, or loose markers.
         cube: Six markers for a cube.
         page: Paper: a4, a3, a2, a1, a0 or letter.
     """
 
     out: File
+    target: Literal["charuco", "markers"] = field(default="charuco", metadata={"key": "kind"})
     cube: bool = False
     page: Annotated[str, Parameter(metavar="SIZE")] = "a4"
 
@@ -445,8 +447,7 @@ def calibrate_verify(*inputs: CameraRecordings, options: VerifyOptions, terminal
 @settings_options("options", TargetDescription, _TARGET_SETTINGS, _TARGET)
 def calibrate_print(*, options: PrintOptions, terminal: Shown) -> Figures:
     """Make a PDF of a target at its true size."""
-    settings = {"kind": "charuco", **options.changes}
-    made = pf.print_target(**{**arguments_of(pf.print_target, options), "settings": settings})
+    made = pf.print_target(**arguments_of(pf.print_target, options))
     terminal.note(f"{made.pdf}: {made.pages} page{'s' * (made.pages > 1)}; print at 100 % and measure the ruler")
     terminal.note(f"{made.target}: the target's description, which the other steps take as --target {quoted(made.target)}")
     command = "posefuse record --source cam1=usb:/dev/video0 ... --out SESSION"

@@ -64,9 +64,11 @@ def _run(invocation: Invocation, requests: StopRequests) -> int:
         reason = str(error).removeprefix(f"{invocation.name.split()[-1]}: ")
         print(in_options("\n".join((f"{invocation.name}: {reason}", *getattr(error, "__notes__", ())))), file=sys.stderr)
     except OSError as error:
-        if not is_disk_full(error):
+        full = is_disk_full(error)
+        if not full and not isinstance(error, PermissionError):
             raise
-        print(f"{invocation.name}: {error.filename or 'the output'}: cannot be written ({error.strerror})", file=sys.stderr)
+        what = f"{error.filename or 'the output'}: cannot be {'written' if full else 'opened'} ({error.strerror})"
+        print(f"{invocation.name}: {what}", file=sys.stderr)
     return 1
 
 

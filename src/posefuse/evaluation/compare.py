@@ -25,6 +25,8 @@ from .metrics import JointErrors, drift, summary
 PAGE_FILE, FIGURES_FILE = "compare.html", "compare.json"
 _LEAST_TIME_STEPS = 5
 _SPEED_HZ = 60.0
+# offsets that far from the best one of whole samples are tried at the end
+_FINE_S = 2 / _SPEED_HZ
 # of the values of a shift, this share must be known in both
 _LEAST_KNOWN = 0.1
 _GAP_S = 0.25
@@ -112,6 +114,22 @@ class Comparison:
     notes: tuple[str, ...] = ()
 
     @property
+    def doubt(self) -> str:
+        """Why the offset in time may be wrong; empty where nothing speaks against it.
+
+        Offsets at which less than half of the shorter one has a counterpart are not looked for, see `_speed_costs`.
+        """
+        a_s, b_s = self.a.t_s, self.b.t_s
+        common_s = max(0.0, float(min(a_s[-1], b_s[-1]) - max(a_s[0], b_s[0])))
+        half_s = min(float(np.ptp(a_s)), float(np.ptp(b_s))) / 2
+        if common_s >= half_s or abs(self.alignment.offset_s) <= _FINE_S:
+            return ""
+        return (
+            f"by their own times {self.a.name} and {self.b.name} have {common_s:.1f} s in common, too little to look for an "
+            "offset there: if both have the times of one clock, add `align_time=False`"
+        )
+
+    @property
     def figures(self) -> dict[str, Any]:
         """The comparison as plain values, point by point."""
         errors = self.errors
@@ -148,7 +166,7 @@ class Comparison:
         ]
         return [
             *map(Note, self.notes),
-            *(Note(one.warning, warning=True) for one in (self.a, self.b) if one.warning),
+            *(Note(line, warning=True) for line in (self.doubt, self.a.warning, self.b.warning) if line),
             Note(f"{self.b.name} is aligned to {self.a.name}"),
             Heading("Alignment"),
             Facts(facts),
@@ -293,7 +311,7 @@ def _offset(a: Tracks, b: Tracks, space: bool, scale: bool) -> float:
         raise InputError(
             f"{a.name} and {b.name}: nothing in common over time: too few points are known in both to find their offset"
         )
-    bounds = (coarse - 2 / _SPEED_HZ, coarse + 2 / _SPEED_HZ)
+    bounds = (coarse - _FINE_S, coarse + _FINE_S)
     fine = minimize_scalar(misfit, bounds=bounds, method="bounded", options={"xatol": 1e-4})
     return float(fine.x)
 

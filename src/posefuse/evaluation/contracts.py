@@ -46,6 +46,7 @@ from posefuse.core import (
 )
 from posefuse.core.skeleton import BLAZEPOSE33
 from posefuse.kinematics import JointSettings, JointTracker
+from posefuse.outputs.drawing import jpeg_of
 
 _ENOUGH_FRAMES = 20
 
@@ -211,7 +212,7 @@ def made_up_messages() -> Iterator[LiveMessage]:
             yield LiveDetections(detections=_detections(camera, pose), stages_ns={"received": pose.t_ns})
         joints = angles.step(pose) if tick % 2 else None
         yield LivePose(pose=pose, joints=joints, stages_ns={"output": pose.t_ns})
-        yield LivePreview(camera=rig.names[0], t_ns=pose.t_ns, jpeg=_jpeg(), size_wh=(8, 6))
+        yield LivePreview(camera=rig.names[0], t_ns=pose.t_ns, jpeg=jpeg_of(np.full((6, 8, 3), 90, np.uint8)), size_wh=(8, 6))
         yield _health(rig, pose.t_ns, faulty=tick == 2)
 
 
@@ -248,9 +249,3 @@ def _health(rig: Rig, t_ns: int, faulty: bool) -> LiveHealth:
         cameras[rig.names[0]] = CameraHealth(state="frozen", text="the same image", figures=figures)
         output = replace(output, state="failed", text="the disk is full", failures=1, fault="the disk is full")
     return LiveHealth(t_ns=t_ns, cameras=cameras, outputs={"other": output})
-
-
-def _jpeg() -> bytes:
-    import cv2
-
-    return bytes(cv2.imencode(".jpg", np.full((6, 8, 3), 90, np.uint8))[1].tobytes())

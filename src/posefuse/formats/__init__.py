@@ -8,6 +8,5 @@ if TYPE_CHECKING:
     from .joint_centres import joint_centres_from_mapping
     from .rig import read_rig
     from .truth import read_truth
-    from .video import read_video
 
 __getattr__ = lazy_names(__name__, __file__)

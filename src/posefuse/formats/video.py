@@ -6,7 +6,6 @@ scaler each time, with a thread per core. For images of 640 x 480 px that takes 
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
 from fractions import Fraction
 from pathlib import Path
 from threading import Lock
@@ -107,7 +106,7 @@ def upright(image: Array, decoded: VideoFrame) -> Array:
 
 TIME_BASE = Fraction(1, 1_000_000)
 # the start of a video is stored in the file's own ticks, 1000 per second unless asked otherwise
-_CONTAINER = {"movie_timescale": str(TIME_BASE.denominator)}
+MP4_OPTIONS = {"movie_timescale": str(TIME_BASE.denominator)}
 _KEYFRAME_EVERY = 60
 
 
@@ -161,7 +160,7 @@ class VideoWriter(Closing):
     ) -> None:
         self._path, self._size_wh = path, size_wh
         self._last_pts = -1
-        container = open_mp4(path, _CONTAINER)
+        container = open_mp4(path, MP4_OPTIONS)
         options = {"crf": str(crf), "preset": preset, "threads": str(threads)}
         self._stream = h264_stream(container, size_wh, Fraction(rate_hz).limit_denominator(1001), options)
         self._container: OutputContainer | None = container
@@ -205,40 +204,3 @@ class VideoWriter(Closing):
                 self.encode(None)
             self._container.close()
             self._container = None
-
-
-def read_video(path: Path) -> Iterator[tuple[int, Array]]:
-    """(time in ns, RGB image (H, W, 3)) of every frame of a video `VideoWriter` made; raises InputError when it cannot."""
-    try:
-        with av.open(str(path)) as container:
-            converter = PixelConverter()
-            for frame in container.decode(video=0):
-                yield (
-                    round((frame.pts or 0) * Fraction(frame.time_base or TIME_BASE) * 1_000_000_000),
-                    converter.rgb(frame),
-                )
-    except (av.error.FFmpegError, OSError) as error:
-        raise InputError(f"{path}: cannot be read as a video ({error})") from None
-
-
-def join_videos(parts: Sequence[Path], path: Path) -> None:
-    """Put videos of one encoding, one after the other in time, into one .mp4 without encoding again; keeps their times.
-
-    Raises:
-        InputError: a part cannot be read, or the file cannot be written.
-    """
-    try:
-        with av.open(str(path), "w", format="mp4", options=_CONTAINER) as joined:
-            stream = None
-            for part in parts:
-                with av.open(str(part)) as container:
-                    source = container.streams.video[0]
-                    if stream is None:
-                        stream = joined.add_stream_from_template(source)
-                        stream.time_base = TIME_BASE
-                    for packet in container.demux(source):
-                        if packet.dts is not None:
-                            packet.stream = stream
-                            joined.mux(packet)
-    except (av.error.FFmpegError, OSError) as error:
-        raise InputError(f"{path}: cannot be joined from {len(parts)} parts ({error})") from None

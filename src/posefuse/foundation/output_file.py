@@ -44,10 +44,9 @@ def check_space(folder: Path, needed_bytes: int) -> None:
     """Raise InputError where the disk of an existing `folder` has less than `needed_bytes` free."""
     free_bytes = shutil.disk_usage(folder).free
     if free_bytes < needed_bytes:
-        raise InputError(
-            f"{folder}: about {needed_bytes / 1e6:,.0f} MB will be written, {free_bytes / 1e6:,.0f} MB are free; "
-            "make room or choose another disk"
-        )
+        # rounded apart, so that the line holds of what it states, too
+        needed, free = -(-needed_bytes // 1_000_000), free_bytes // 1_000_000
+        raise InputError(f"{folder}: about {needed:,} MB will be written, {free:,} MB are free; make room or choose another disk")
 
 
 def holds_working_folder(folder: Path) -> bool:

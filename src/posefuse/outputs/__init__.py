@@ -1,4 +1,4 @@
 """Results to the world: one file per output. Those that show images take them from one pass, see `frames`."""
 
 from .drawing import view_tile
-from .frames import Frames, FrameSets, FrameSink, FrameWriter, write_outputs
+from .frames import Frames, FrameSets, FrameSink, write_outputs

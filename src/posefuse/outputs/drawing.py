@@ -248,11 +248,19 @@ def shrunk_wh(size_wh: tuple[int, int], longest_px: int) -> tuple[int, int]:
     return max(1, round(size_wh[0] * factor)), max(1, round(size_wh[1] * factor))
 
 
-def jpeg_of(picture: Array, quality: int) -> bytes:
+def shrunk(image: Array, longest_px: int) -> Array:
+    """An RGB image (H, W, 3) with a longer side of at most so many px, each the mean of those that it stands for."""
+    import cv2
+
+    size_wh = shrunk_wh((image.shape[1], image.shape[0]), longest_px)
+    return np.asarray(cv2.resize(image, size_wh, interpolation=cv2.INTER_AREA))
+
+
+def jpeg_of(image: Array, quality: int = 75) -> bytes:
     """An RGB image (H, W, 3) as JPEG; quality 1 to 100."""
     import cv2
 
-    _, encoded = cv2.imencode(".jpg", cv2.cvtColor(picture, cv2.COLOR_RGB2BGR), [cv2.IMWRITE_JPEG_QUALITY, quality])
+    _, encoded = cv2.imencode(".jpg", cv2.cvtColor(image, cv2.COLOR_RGB2BGR), [cv2.IMWRITE_JPEG_QUALITY, quality])
     return encoded.tobytes()
 
 

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
-from contextlib import ExitStack, contextmanager, suppress
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import AbstractContextManager, ExitStack, contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Protocol, Self, runtime_checkable
+from typing import ClassVar, Protocol, Self, runtime_checkable
 
 import numpy as np
 
@@ -18,34 +18,22 @@ FrameSets = Iterable[tuple[int, Frames]]
 """(t_ns, frames) in time order; t_ns as in the recording, time steps may be left out."""
 
 
-@runtime_checkable
-class FrameWriter(Protocol):
-    """An output being written; a context manager that finishes its files on a good end and removes them on a bad one."""
-
-    def __enter__(self) -> FrameWriter:
-        """Begin."""
-        ...
-
-    def __exit__(self, *problem: object) -> None:
-        """End."""
-        ...
-
-    def add(self, i: int, frames: Frames) -> None:
-        """Show time step i of the recording; i only grows."""
-        ...
-
-    @property
-    def files(self) -> list[Path]:
-        """The files made, once it has ended."""
-        ...
+ShowStep = Callable[[int, Frames], None]
+"""Shows time step i of the recording, with its frames; i only grows."""
 
 
 @runtime_checkable
 class FrameSink(Sink, Protocol):
-    """An output that can show images. Its `write` is the same without any."""
+    """An output that can show images, in one file. Its `write` is the same without any.
 
-    def writer(self, recording: Recording, folder: Path) -> FrameWriter:
-        """Begin writing into an existing folder."""
+    Attributes:
+        file: its name.
+    """
+
+    file: ClassVar[str]
+
+    def showing(self, recording: Recording, path: Path) -> AbstractContextManager[ShowStep]:
+        """What shows each time step; the file is finished on a good end of the block, and removed on a bad one."""
         ...
 
 
@@ -77,28 +65,30 @@ def write_each(sinks: Sequence[Sink], recording: Recording, folder: Path, frame_
     """
     made: dict[int, list[Path]] = {}
     failed: dict[int, Exception] = {}
-    writers: dict[int, FrameWriter] = {}
+    open_files: dict[int, tuple[ExitStack, ShowStep, Path]] = {}
     try:
         for place, sink in enumerate(sinks):
             with _noted(failed, place):
                 if isinstance(sink, FrameSink):
-                    writer = sink.writer(recording, folder)
-                    writer.__enter__()
-                    writers[place] = writer
+                    whole, path = ExitStack(), folder / sink.file
+                    open_files[place] = whole, whole.enter_context(sink.showing(recording, path)), path
                 else:
                     made[place] = sink.write(recording, folder)
-        for i, frames in every_time_step(recording, frame_sets or ()) if writers else ():
-            for place in list(writers):
-                _add(writers, failed, place, i, frames)
+        for i, frames in every_time_step(recording, frame_sets or ()) if open_files else ():
+            for place, (whole, show, _) in list(open_files.items()):
+                with _noted(failed, place):
+                    show(i, frames)
+                if place in failed:
+                    _end_badly(whole, failed[place])
+                    del open_files[place]
     except BaseException as error:
-        for writer in writers.values():
-            with suppress(Exception):
-                writer.__exit__(type(error), error, error.__traceback__)
+        for whole, *_ in open_files.values():
+            _end_badly(whole, error)
         raise
-    for place, writer in writers.items():
+    for place, (whole, _, path) in open_files.items():
         with _noted(failed, place):
-            writer.__exit__(None, None, None)
-            made[place] = writer.files
+            whole.close()
+            made[place] = [path]
     files = tuple(path for place in sorted(made) for path in made[place])
     return OutputOutcome(files=files, failed={sinks[place].name: error for place, error in sorted(failed.items())})
 
@@ -111,15 +101,9 @@ def _noted(failed: dict[int, Exception], place: int) -> Iterator[None]:
         failed[place] = error
 
 
-def _add(writers: dict[int, FrameWriter], failed: dict[int, Exception], place: int, i: int, frames: Frames) -> None:
-    """Show one time step; a writer that fails is ended and takes no more."""
-    with _noted(failed, place):
-        writers[place].add(i, frames)
-    if place in failed:
-        error = failed[place]
-        with suppress(Exception):
-            writers[place].__exit__(type(error), error, error.__traceback__)
-        del writers[place]
+def _end_badly(whole: ExitStack, error: BaseException) -> None:
+    with suppress(Exception):
+        whole.__exit__(type(error), error, error.__traceback__)
 
 
 class OwnConfig:
@@ -131,22 +115,11 @@ class OwnConfig:
 
 
 class ImageOutput(OwnConfig):
-    """What our outputs that show images have in common; a `FrameSink` with the method `writer`."""
+    """What our outputs that show images have in common; a `FrameSink` with `file` and the method `showing`."""
 
     def write(self: FrameSink, recording: Recording, folder: Path) -> list[Path]:
         """Write without images; returns the files made."""
         return write_outputs([self], recording, folder)
-
-
-class OneFileWriter:
-    """A `FrameWriter` of one file; what its stack holds ends with it."""
-
-    def __init__(self, recording: Recording, path: Path) -> None:
-        self._recording, self._path, self._whole = recording, path, ExitStack()
-        self.files = [path]
-
-    def __exit__(self, *problem: Any) -> None:
-        self._whole.__exit__(*problem)
 
 
 def every_time_step(recording: Recording, frame_sets: FrameSets) -> Iterator[tuple[int, Frames]]:

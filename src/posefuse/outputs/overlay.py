@@ -3,27 +3,27 @@
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Annotated, Any, ClassVar
 
 import numpy as np
 from annotated_types import Ge, Le
 
-from posefuse.core import Recording
-from posefuse.core.arrays import Array
+from posefuse.core import Closing, Recording
 from posefuse.foundation.output_file import atomic_file
 from posefuse.foundation.settings import settings
 
 from .drawing import draw_legend, draw_views, empty_row, grid_for
 from .facts import rate_hz
-from .frames import Frames, FrameWriter, ImageOutput, OneFileWriter
+from .frames import Frames, ImageOutput, ShowStep
 
 _WAITING = 3
 
 
-class Background:
+class Background(Closing):
     """Calls a function in one other thread, in the order of the calls, a few of which may wait.
 
     What the function raises is raised by a later `call`, or by `close`.
@@ -71,38 +71,28 @@ class OverlaySink(ImageOutput):
     width_px: Annotated[int, Ge(64), Le(7680)] = 1280
     height_px: Annotated[int, Ge(64), Le(4320)] = 960
     name: ClassVar[str] = "overlay"
+    file: ClassVar[str] = "overlay.mp4"
 
-    def writer(self, recording: Recording, folder: Path) -> FrameWriter:
-        """Begin ``overlay.mp4``; frames come one set at a time."""
-        return _OverlayWriter(recording, folder / "overlay.mp4", self)
-
-
-class _OverlayWriter(OneFileWriter):
-    def __init__(self, recording: Recording, path: Path, config: OverlaySink) -> None:
-        super().__init__(recording, path)
-        self._grid = grid_for([camera.size_wh for camera in recording.rig], (config.width_px, config.height_px))
-
-    def __enter__(self) -> _OverlayWriter:
+    @contextmanager
+    def showing(self, recording: Recording, path: Path) -> Iterator[ShowStep]:
+        """Images are converted in one thread and encoded in another, while the next ones are drawn."""
         from posefuse.formats.video import VideoWriter
 
-        staged = self._whole.enter_context(atomic_file(self._path))
-        rate = rate_hz(self._recording.poses)
-        self._video = VideoWriter(staged, self._grid.size_wh, rate, _CRF, preset="superfast", threads=_THREADS)
-        self._whole.callback(self._video.close)
-        self._encoding = Background(self._video.encode, "encode overlay")
-        self._whole.callback(self._encoding.close)
-        self._converting = Background(self._convert, "convert overlay")
-        self._whole.callback(self._converting.close)
-        return self
+        grid = grid_for([camera.size_wh for camera in recording.rig], (self.width_px, self.height_px))
+        width, height = grid.size_wh
+        t_ns = recording.poses.t_ns
 
-    def add(self, i: int, frames: Frames) -> None:
-        width, height = self._grid.size_wh
-        picture = np.empty((height, width, 3), np.uint8)
-        picture[:] = empty_row(width)
-        draw_views(picture, self._grid, self._recording, i, [None if frame is None else frame.image for frame in frames])
-        draw_legend(picture[: self._grid.tile_wh[1], : self._grid.tile_wh[0]], _LEGEND_LINE)
-        t_ns = self._recording.poses.t_ns
-        self._converting.call(picture, int(t_ns[i] - t_ns[0]))
+        def show(i: int, frames: Frames) -> None:
+            picture = np.empty((height, width, 3), np.uint8)
+            picture[:] = empty_row(width)
+            draw_views(picture, grid, recording, i, [None if frame is None else frame.image for frame in frames])
+            draw_legend(picture[: grid.tile_wh[1], : grid.tile_wh[0]], _LEGEND_LINE)
+            converting.call(picture, int(t_ns[i] - t_ns[0]))
 
-    def _convert(self, picture: Array, t_ns: int) -> None:
-        self._encoding.call(self._video.converted(picture, t_ns))
+        with (
+            atomic_file(path) as staged,
+            VideoWriter(staged, grid.size_wh, rate_hz(recording.poses), _CRF, preset="superfast", threads=_THREADS) as video,
+            Background(video.encode, "encode overlay") as encoding,
+            Background(lambda *image: encoding.call(video.converted(*image)), "convert overlay") as converting,
+        ):
+            yield show

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from itertools import pairwise
 from pathlib import Path
 from typing import Annotated, ClassVar
@@ -15,7 +17,7 @@ from posefuse.foundation.output_file import atomic_file
 from posefuse.foundation.settings import settings
 
 from .drawing import EMPTY_RGB, draw_legend, draw_name, draw_skeleton, draw_text, draw_views, grid_for, keypoint_colours
-from .frames import Frames, FrameWriter, ImageOutput, OneFileWriter
+from .frames import Frames, ImageOutput, ShowStep
 
 _GROUND_RGB = (70, 74, 84)
 _CAMERA_RGB = (200, 205, 215)
@@ -161,37 +163,27 @@ class OverviewSink(ImageOutput):
     width_px: Annotated[int, Ge(64), Le(7680)] = 1280
     height_px: Annotated[int, Ge(64), Le(4320)] = 720
     name: ClassVar[str] = "overview"
+    file: ClassVar[str] = "overview.png"
 
-    def writer(self, recording: Recording, folder: Path) -> FrameWriter:
-        """Begin; the frames of one time step are kept."""
-        return _OverviewWriter(recording, folder / "overview.png", self)
+    @contextmanager
+    def showing(self, recording: Recording, path: Path) -> Iterator[ShowStep]:
+        """The frames of one time step are kept for the end."""
+        chosen, images = best_time_step(recording), list[Array | None]([None] * len(recording.rig))
 
+        def show(i: int, frames: Frames) -> None:
+            if i == chosen:
+                images[:] = [None if frame is None else frame.image for frame in frames]
 
-class _OverviewWriter(OneFileWriter):
-    def __init__(self, recording: Recording, path: Path, config: OverviewSink) -> None:
-        super().__init__(recording, path)
-        self._most_wh = (config.width_px, config.height_px)
-        self._time_step = best_time_step(recording)
-        self._images: list[Array | None] = [None] * len(recording.rig)
+        yield show
+        write_png(path, self._picture(recording, chosen, images))
 
-    def __enter__(self) -> _OverviewWriter:
-        return self
-
-    def __exit__(self, *problem: object) -> None:
-        if problem[0] is None:
-            write_png(self._path, self._picture())
-
-    def add(self, i: int, frames: Frames) -> None:
-        if i == self._time_step:
-            self._images = [None if frame is None else frame.image for frame in frames]
-
-    def _picture(self) -> Array:
-        grid = grid_for([camera.size_wh for camera in self._recording.rig], self._most_wh)
+    def _picture(self, recording: Recording, i: int, images: Sequence[Array | None]) -> Array:
+        grid = grid_for([camera.size_wh for camera in recording.rig], (self.width_px, self.height_px))
         width, height = grid.size_wh
         stage_width = max(320, min(height, width))
         picture = np.full((height, width + stage_width, 3), EMPTY_RGB, np.uint8)
-        draw_views(picture, grid, self._recording, self._time_step, self._images)
-        picture[:, width:] = stage_picture(self._recording, self._time_step, (stage_width, height))
+        draw_views(picture, grid, recording, i, images)
+        picture[:, width:] = stage_picture(recording, i, (stage_width, height))
         return picture
 
 

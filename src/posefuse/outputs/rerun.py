@@ -11,7 +11,8 @@ import json
 import subprocess
 import sys
 import tempfile
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Self
 
@@ -26,9 +27,9 @@ from posefuse.foundation.output_file import atomic_file
 from posefuse.foundation.platform import display
 from posefuse.foundation.settings import settings
 
-from .drawing import DETECTION_RGB, bone_colours, jpeg_of, keypoint_colours, shrunk_wh
+from .drawing import DETECTION_RGB, bone_colours, jpeg_of, keypoint_colours, shrunk, shrunk_wh
 from .facts import provenance
-from .frames import Frames, FrameSets, FrameWriter, ImageOutput, OneFileWriter, write_outputs
+from .frames import Frames, FrameSets, ImageOutput, ShowStep, write_outputs
 
 if TYPE_CHECKING:
     import rerun as rr
@@ -182,10 +183,6 @@ def _bone_rgb(skeleton: Skeleton) -> Array:
     return np.array(bone_colours(skeleton), np.uint8).reshape(-1, 3)
 
 
-FILE = "recording.rrd"
-_JPEG_QUALITY = 75
-
-
 @settings
 class RerunSink(ImageOutput):
     """``recording.rrd``, opens with ``rerun recording.rrd`` or ``posefuse view DIR``.
@@ -196,16 +193,27 @@ class RerunSink(ImageOutput):
 
     image_px: Annotated[int, Ge(0), Le(8192)] = 640
     name: ClassVar[str] = "rerun"
+    file: ClassVar[str] = "recording.rrd"
 
     def build(self) -> Self:
         """This output, ready; raises DependencyError without the Rerun SDK."""
         check_rerun()
         return self
 
-    def writer(self, recording: Recording, folder: Path) -> FrameWriter:
-        """Begin ``recording.rrd``; frames come one set at a time."""
+    @contextmanager
+    def showing(self, recording: Recording, path: Path) -> Iterator[ShowStep]:
+        """What never changes is logged at once, plots as whole columns, and the rest step by step."""
         check_rerun()
-        return _RerunWriter(recording, folder / FILE, self)
+        import rerun as rr
+
+        identity = f"{recording.rig.id}-{recording.poses.t_ns[0]}-{len(recording.poses)}"
+        stream = rr.RecordingStream("posefuse", recording_id=identity)
+        with atomic_file(path) as staged:
+            try:
+                stream.save(staged, default_blueprint=session_blueprint(recording.rig.names, _below()))
+                yield _Logged(stream, recording, self.image_px).step
+            finally:
+                stream.disconnect()
 
 
 def open_in_viewer(path: Path) -> None:
@@ -232,28 +240,18 @@ def show_recording(recording: Recording, frame_sets: FrameSets | None = None) ->
         open_in_viewer(path)
 
 
-class _RerunWriter(OneFileWriter):
-    """Logs what never changes at once, plots as whole columns, and the rest step by step."""
+class _Logged:
+    """A recording that is logged to a stream."""
 
-    def __init__(self, recording: Recording, path: Path, config: RerunSink) -> None:
-        import rerun as rr
-
-        super().__init__(recording, path)
-        self._config = config
-        self._cameras = [_shown(camera, config.image_px) for camera in recording.rig]
-        identity = f"{recording.rig.id}-{recording.poses.t_ns[0]}-{len(recording.poses)}"
-        self._stream = rr.RecordingStream("posefuse", recording_id=identity)
-
-    def __enter__(self) -> _RerunWriter:
-        temporary = self._whole.enter_context(atomic_file(self._path))
-        self._whole.callback(self._stream.disconnect)
-        self._stream.save(temporary, default_blueprint=session_blueprint(self._recording.rig.names, _below()))
-        log_cameras(self._stream, self._cameras)
+    def __init__(self, stream: rr.RecordingStream, recording: Recording, image_px: int) -> None:
+        self._stream, self._recording, self._image_px = stream, recording, image_px
+        self._cameras = [_shown(camera, image_px) for camera in recording.rig]
+        log_cameras(stream, self._cameras)
         self._log_about()
         self._log_plots()
-        return self
 
-    def add(self, i: int, frames: Frames) -> None:
+    def step(self, i: int, frames: Frames) -> None:
+        """One time step."""
         poses = self._recording.poses
         self._stream.set_time(TIMELINE, duration=float(poses.t_ns[i]) / 1e9)
         for n, person in enumerate(poses.person_id):
@@ -289,8 +287,8 @@ class _RerunWriter(OneFileWriter):
         import rerun as rr
 
         recording, camera = self._recording, self._cameras[c]
-        if self._config.image_px:
-            image = None if frame is None else _jpeg(frame.image, camera.size_wh)
+        if self._image_px:
+            image = None if frame is None else jpeg_of(shrunk(frame.image, self._image_px))
             blank = rr.Clear(recursive=False) if image is None else rr.EncodedImage(contents=image, media_type="image/jpeg")
             self._stream.log(f"{camera_path(camera.name)}/image", blank)
         scale = np.array(camera.size_wh) / recording.rig.cameras[c].size_wh
@@ -315,12 +313,6 @@ def _below() -> list[Any]:
 def _shown(camera: Camera, longest_px: int) -> Camera:
     """The camera for the stored images, never enlarged."""
     return camera.scaled(shrunk_wh(camera.size_wh, longest_px)) if longest_px else camera
-
-
-def _jpeg(image: Array, size_wh: tuple[int, int]) -> bytes:
-    import cv2
-
-    return jpeg_of(cv2.resize(image, size_wh, interpolation=cv2.INTER_AREA), _JPEG_QUALITY)
 
 
 def _mean_over_keypoints(values: Array) -> Array:

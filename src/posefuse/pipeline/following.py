@@ -41,25 +41,14 @@ _MOST_BLIND, _IN_IMAGE = 2, 0.7
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class Followed:
-    """The result of one time step. Ids are tracks; `PeopleFollower.people_of` gives their people.
+class _Seen:
+    """The result of one look. Ids are tracks; `PeopleFollower.people_of` gives their people.
 
     Attributes:
-        batches: every look that the detector took, in order. chosen: index of the one that the people are taken from.
-        person_ids: per entry of the chosen batch, the person of each detection.
+        batch: what the detector found. person_ids: per entry of it, the person of each detection.
         views: the tracks in every camera, each at its own exposure time. pose: the fused pose.
+        clothing: (N, 9) of the people of `pose`. hints: for the next look.
     """
-
-    batches: tuple[DetectionBatch, ...]
-    chosen: int
-    person_ids: tuple[Array, ...]
-    views: Views
-    pose: Pose3D
-
-
-@dataclass(frozen=True, eq=False, kw_only=True)
-class _Seen:
-    """The result of one look; clothing (N, 9) is that of the people of `pose`, hints are those for the next look."""
 
     batch: DetectionBatch
     person_ids: tuple[Array, ...]
@@ -67,6 +56,17 @@ class _Seen:
     pose: Pose3D
     clothing: Array
     hints: Hints
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Followed(_Seen):
+    """The result of one time step: of the look that the people are taken from.
+
+    Attributes:
+        batches: every look that the detector took, in order.
+    """
+
+    batches: tuple[DetectionBatch, ...]
 
 
 class PeopleFollower:
@@ -129,8 +129,7 @@ class PeopleFollower:
         self._identity = self._identity.after(seen.pose, seen.clothing)
         self._hints = seen.hints
         self._next_id = max([self._next_id, *(seen.pose.person_id + 1).tolist()])
-        chosen = self._batches.index(seen.batch)
-        return Followed(batches=tuple(self._batches), chosen=chosen, person_ids=seen.person_ids, views=seen.views, pose=seen.pose)
+        return Followed(batches=tuple(self._batches), **vars(seen))
 
     def _search(self, i: int, step: TimeStep) -> _Seen:
         """Look for people in whole images, then where a view missed one that others saw."""
@@ -210,10 +209,10 @@ def observations_of(followed: Sequence[Followed], skeleton: Skeleton, rig: Rig) 
     """All that the detector found in time steps that follow each other, with the track or person of each detection."""
     batches, person_ids = [], [np.zeros(0, np.int64)]
     for step, one in enumerate(followed):
-        for place, batch in enumerate(one.batches):
+        for batch in one.batches:
             no_one_kept = [np.full(len(found), NOT_KEPT) for found in batch.detections]
             batches.append(replace(batch, step=step))
-            person_ids += one.person_ids if place == one.chosen else no_one_kept
+            person_ids += one.person_ids if batch is one.batch else no_one_kept
     return Observations.from_batches(skeleton, rig.names, batches).with_person_ids(np.concatenate(person_ids))
 
 

@@ -14,7 +14,7 @@ import numpy as np
 from posefuse.core import CalibrationError, Camera, InputError, Rig, Source
 from posefuse.core.arrays import Array
 from posefuse.core.errors import choices
-from posefuse.formats.pose2d import POSE2D_SUFFIXES
+from posefuse.formats.pose2d import POSE2D_SUFFIXES, PREDICTIONS_FOLDER
 from posefuse.formats.rig import fit_camera_to_video, read_placed_rig, rig_warnings
 from posefuse.sources import IMAGE_SUFFIXES, VIDEO_SUFFIXES
 
@@ -36,7 +36,7 @@ KINDS = ("videos", "images", "pose2d")
 _FOLDERS = {
     "videos": (".", "videos", "Videos"),
     "images": ("images", "frames", "videos"),
-    "pose2d": ("pose2d", "openpose_json", "pose-sync", "pose", "pose-2d"),
+    "pose2d": (f"pose2d/{PREDICTIONS_FOLDER}", "pose2d", "openpose_json", "pose-sync", "pose", "pose-2d"),
 }
 LEAST_CAMERAS = 2
 DEPTH_FOLDER = "depth"
@@ -199,8 +199,11 @@ def _entries(place: Path, kind: str) -> list[Path]:
     if kind == "videos":
         return sorted(path for path in place.iterdir() if path.suffix.lower() in VIDEO_SUFFIXES)
     suffixes = IMAGE_SUFFIXES if kind == "images" else (".json",)
+    below = ("*", f"{PREDICTIONS_FOLDER}/*") if kind == "pose2d" else ("*",)
     folders = [
-        path for path in place.iterdir() if path.is_dir() and any(file.suffix.lower() in suffixes for file in path.iterdir())
+        path
+        for path in place.iterdir()
+        if path.is_dir() and any(file.suffix.lower() in suffixes for pattern in below for file in path.glob(pattern))
     ]
     files = [path for path in place.iterdir() if path.suffix.lower() in POSE2D_SUFFIXES] if kind == "pose2d" else []
     return sorted(folders + files)

@@ -72,7 +72,7 @@ def _associated(observations: Observations, rig: Rig, config: TrackConfig) -> Ar
     follower = PeopleFollower(skeleton=observations.skeleton, rig=rig, associating=config.associate, fusing=config.fuse)
     tracks = np.full(len(observations), NOT_KEPT)
     for step, one in zip(stored_steps(observations), follower.follow(stored_steps(observations)), strict=True):
-        for (_, rows), found in zip(step.rows(one.batches[one.chosen].kind), one.person_ids, strict=True):
+        for (_, rows), found in zip(step.rows(one.batch.kind), one.person_ids, strict=True):
             tracks[rows] = found
     return follower.people_of(tracks, observations.step_t_ns[observations.frame_step[observations.detection_frame]])
 

@@ -11,7 +11,6 @@ import time
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
 
 import cv2
 import numpy as np
@@ -23,7 +22,7 @@ from posefuse.detection import with_clothing, with_depth
 from posefuse.detection.build import DetectorChoice, build_detector
 from posefuse.foundation.channel import Channel, ChannelClosed
 from posefuse.foundation.platform import lower_priority
-from posefuse.outputs.drawing import jpeg_of, shrunk_wh
+from posefuse.outputs.drawing import jpeg_of, shrunk
 
 from .capture import SAMPLE_STEP, Capture, Caught, LiveInput, take_all
 from .messages import (
@@ -89,7 +88,6 @@ def search_slot(now_ns: int, every_s: float) -> int:
 
 
 _LONGER_SIDE_PX = 320
-_QUALITY = 70
 _STATUS_S = 0.25
 _IDLE_S = 0.05
 _SEND_S = 0.5
@@ -103,9 +101,8 @@ _NICENESS = 5
 
 def preview_jpeg(frame: Frame, t_ns: int) -> LivePreview:
     """The frame as a small JPEG."""
-    size = shrunk_wh(frame.size_wh, _LONGER_SIDE_PX)
-    small: Any = cv2.resize(frame.image, size, interpolation=cv2.INTER_AREA)
-    return LivePreview(camera=frame.camera, t_ns=t_ns, jpeg=jpeg_of(small, _QUALITY), size_wh=size)
+    small = shrunk(frame.image, _LONGER_SIDE_PX)
+    return LivePreview(camera=frame.camera, t_ns=t_ns, jpeg=jpeg_of(small), size_wh=(small.shape[1], small.shape[0]))
 
 
 @dataclass(frozen=True, kw_only=True)

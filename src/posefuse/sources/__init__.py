@@ -3,5 +3,5 @@
 from .coverage import CountedSource, Coverage, DepthSource, RecordedSource, incomplete_cameras
 from .grouping import FramesAhead, FrameSet, frame_sets
 from .images import IMAGE_SUFFIXES, ImagesConfig, ImagesSource
-from .seeking import ImagesSeeker, Seeker, VideoSeeker, nearest
+from .seeking import Seeker, nearest
 from .video import VIDEO_SUFFIXES, VideoConfig, VideoSource

@@ -60,10 +60,6 @@ class ImagesSource:
         """(F,) int64 session times of all frames, without reading them."""
         return np.array([self._session_ns(t) for _, t in self._times_s], dtype=np.int64)
 
-    def paths(self) -> list[Path]:
-        """(F) the files of all frames."""
-        return [path for path, _ in self._times_s]
-
     def _session_ns(self, time_s: float) -> int:
         return round((time_s * (1 + self._config.drift_ppm * 1e-6) + self._config.offset_s) * 1e9)
 
@@ -75,23 +71,17 @@ class ImagesSource:
         """See `RecordedSource`."""
         return self._read(int(np.searchsorted(self.times_ns(), begin_ns)))
 
-    def at(self, i: int) -> Frame | None:
-        """Frame i of those that are listed; None for an image that cannot be read."""
-        path, time_s = self._times_s[i]
-        image = cv2.imread(str(path), cv2.IMREAD_COLOR_RGB)
-        t_ns = self._session_ns(time_s)
-        return None if image is None else Frame(camera=self.camera, seq=i, t_ns=t_ns, received_ns=t_ns, image=image)
-
     def _read(self, first: int) -> Iterator[Frame]:
         size_wh: tuple[int, int] | None = None
-        for i in range(first, len(self._times_s)):
-            frame = self.at(i)
-            if frame is None:
+        for i, (path, time_s) in enumerate(self._times_s[first:], start=first):
+            image = cv2.imread(str(path), cv2.IMREAD_COLOR_RGB)
+            if image is None:
                 continue
+            t_ns = self._session_ns(time_s)
+            frame = Frame(camera=self.camera, seq=i, t_ns=t_ns, received_ns=t_ns, image=image)
             size_wh = size_wh or frame.size_wh
             if frame.size_wh != size_wh:
-                name = self._times_s[i][0].name
-                raise SourceError(f"{self._where}: {name} is {frame.size_wh}, the first image was {size_wh} px")
+                raise SourceError(f"{self._where}: {path.name} is {frame.size_wh}, the first image was {size_wh} px")
             yield frame
 
     def close(self) -> None:

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import dataclasses
+import itertools
 import time
-from bisect import bisect_left
+from bisect import bisect_left, bisect_right
 from collections.abc import Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
@@ -36,6 +37,9 @@ _FIRST_YEAR = 2000
 _CONTAINERS = "mov,mp4,matroska,webm,avi,mpegts,mpeg,mpegvideo,m4v,h264,hevc"
 # PyAV 18 refuses metadata that is not UTF-8 unless it is asked to replace it; 19 always does, and has lost the argument
 _TOLERANT: dict[str, Any] = {"metadata_errors": "replace"} if int(av.__version__.partition(".")[0]) < 19 else {}
+
+
+DecodedFrames = Iterator[tuple[VideoFrame, EncodedFrame | None]]
 
 
 @dataclass(frozen=True)
@@ -84,10 +88,7 @@ class VideoSource:
     """Frames of a video file with true presentation times (variable frame rate is kept as it is).
 
     Times are those written in the file; containers whose clock starts anywhere (MPEG-TS, AVI) count from their first
-    frame. A turned phone video is turned upright as the file asks.
-
-    Attributes:
-        stated_frames: by the file's header, more than `times_ns` where its end is missing; 0 where it states none.
+    frame. A turned phone video is turned upright as the file asks, and what was cut off without encoding again stays hidden.
     """
 
     def __init__(self, config: VideoConfig) -> None:
@@ -99,8 +100,11 @@ class VideoSource:
             raise SourceError(f"{config.where}: no frame can be decoded; is the file complete?")
         # one that cannot be converted shows now
         self.size_wh = first.converted().size_wh
-        with opened_video(config) as container:
-            self.stated_frames = int(container.streams.video[0].frames)
+
+    @property
+    def stated_frames(self) -> int:
+        """By the file's header, more than `times_ns` where its end is missing; 0 where it states none."""
+        return self._listed.stated
 
     def times_ns(self) -> Array:
         """(F,) int64 session times of all frames the file lists, without decoding them."""
@@ -112,12 +116,12 @@ class VideoSource:
 
     def frames_from(self, begin_ns: int) -> Iterator[Frame]:
         """See `RecordedSource`; decoded from a key frame shortly before, where the file has an index."""
-        return (frame for frame in self._frames(self._entry(begin_ns)) if frame.t_ns >= begin_ns)
+        return (frame for frame in self._frames(self._key_before(begin_ns)) if frame.t_ns >= begin_ns)
 
-    def _frames(self, entry: int | None) -> Iterator[Frame]:
+    def _frames(self, key: int | None) -> Iterator[Frame]:
         """From this key frame on; None: from the start."""
         last_ns: int | None = None
-        for frame in self._decode(entry):
+        for frame in self._decode(key):
             if (size_wh := frame.size_wh) != self.size_wh:
                 raise SourceError(f"{self._config.where}: frame {frame.seq} is {size_wh}, the first was {self.size_wh} px")
             if last_ns is None or frame.t_ns > last_ns:
@@ -132,46 +136,46 @@ class VideoSource:
         with opened_video(self._config) as container:
             return listed_frames(container)
 
-    def _entry(self, begin_ns: int) -> int | None:
-        """Where to seek, in ticks, so that all frames from a time on are decoded as from the start; None: only from the start."""
-        listed = self._listed
+    def _key_before(self, begin_ns: int) -> int | None:
+        """The last key frame, in ticks, from which all frames from a time on may be decoded; None: only from the start."""
+        listed, keys = self._listed, [*self._listed.keys]
         start = (self._start_ticks or 0) if listed.starts_anywhere else 0
-        before = [key for key in listed.keys if session_ns(self._config, (key - start) * listed.base_s) <= begin_ns]
-        if not before or not listed.timed:
-            return None
-        key = before[-1]
-        with opened_video(self._config) as container:
-            # a file without an index may lead anywhere, and with intra refresh the marked frame is not decoded
-            container.seek(listed.keys[key], stream=container.streams.video[0])
-            with suppress(SourceError):
-                for frame, _ in self._decoded_frames(container, container.streams.video[0]):
-                    if frame.pts is None or frame.pts >= key:
-                        return listed.keys[key] if frame.pts == key else None
-        return None
+        count = bisect_right(keys, begin_ns, key=lambda key: session_ns(self._config, (key - start) * listed.base_s))
+        return keys[count - 1] if count and listed.timed else None
 
-    def _decode(self, entry: int | None = None) -> Iterator[Frame]:
+    def _decode(self, key: int | None = None) -> Iterator[Frame]:
         """Frames from the start, or from this key frame on."""
         with opened_video(self._config) as container:
             stream = container.streams.video[0]
             # with threads for slices alone FFmpeg starts one per core, too, and hands the work round
             stream.thread_type = "AUTO" if self._config.threads else "NONE"
             stream_base, converter, seq = Fraction(stream.time_base or 1), PixelConverter(), -1
-            if entry is not None:
-                container.seek(entry, stream=stream)
-            for decoded, encoded in self._decoded_frames(container, stream):
+            frames = self._decoded_frames(container, stream) if key is None else self._reached(container, stream, key)
+            for decoded, encoded in frames or ():
                 if decoded.pts is None:
                     continue
                 if self._start_ticks is None:
                     self._start_ticks = decoded.pts
-                seq = bisect_left(self._listed.ticks, decoded.pts) if seq < 0 and entry is not None else seq + 1
+                seq = bisect_left(self._listed.ticks, decoded.pts) if seq < 0 and key is not None else seq + 1
                 start_ticks = self._start_ticks if container.format.name in _ARBITRARY_START else 0
                 t_ns = ticks_ns(self._config, decoded.pts - start_ticks, decoded.time_base or stream_base)
                 pixels = DecodedPixels(decoded, converter)
                 yield Frame(camera=self.camera, seq=seq, t_ns=t_ns, received_ns=t_ns, image=pixels, encoded=encoded)
+        if frames is None:
+            yield from self._decode()
 
-    def _decoded_frames(
-        self, container: av.container.InputContainer, stream: VideoStream
-    ) -> Iterator[tuple[VideoFrame, EncodedFrame | None]]:
+    def _reached(self, container: av.container.InputContainer, stream: VideoStream, key: int) -> DecodedFrames | None:
+        """All frames from a key frame on, decoded as from the start; None where the file does not lead there."""
+        container.seek(self._listed.keys[key], stream=stream)
+        frames = self._decoded_frames(container, stream)
+        # a file without an index may lead anywhere, and with intra refresh the marked frame is not decoded
+        with suppress(SourceError):
+            for frame, encoded in frames:
+                if frame.pts is None or frame.pts >= key:
+                    return itertools.chain([(frame, encoded)], frames) if frame.pts == key else None
+        return None
+
+    def _decoded_frames(self, container: av.container.InputContainer, stream: VideoStream) -> DecodedFrames:
         """Decode packet by packet, so that a broken one costs only itself."""
         in_a_row = 0
         pending = PendingPackets(stream) if self._config.keep_encoded else None
@@ -246,11 +250,14 @@ def length_s(path: Path) -> float:
 class ListedFrames(NamedTuple):
     """What a file lists, in ticks of `base_s`, sorted: times of frames, and when key frames are decoded by their times.
 
-    `timed`: whether each packet has a time. `starts_anywhere`: whether only times since the first frame mean anything.
+    Frames that an edit list hides are not listed; hidden key frames are, because those after them are decoded from there.
+    `stated`: how many frames the header states, without hidden ones. `timed`: whether each packet has a time.
+    `starts_anywhere`: whether only times since the first frame mean anything.
     """
 
     ticks: list[int]
     keys: dict[int, int]
+    stated: int
     timed: bool
     base_s: Fraction
     starts_anywhere: bool
@@ -270,15 +277,16 @@ def listed_frames(container: av.container.InputContainer) -> ListedFrames:
     stream = container.streams.video[0]
     ticks: set[int] = set()
     keys: dict[int, int] = {}
-    timed = True
+    stated, timed = stream.frames, True
     with suppress(av.error.FFmpegError):
         for packet in container.demux(stream):
+            stated -= packet.is_discard
             if packet.pts is not None:
-                ticks.add(packet.pts)
+                ticks.update([] if packet.is_discard else [packet.pts])
                 keys.update({packet.pts: packet.dts} if packet.is_keyframe and packet.dts is not None else {})
             timed = timed and (packet.pts is not None or not packet.size)
     base_s, anywhere = Fraction(stream.time_base or 1), container.format.name in _ARBITRARY_START
-    return ListedFrames(sorted(ticks), dict(sorted(keys.items())), timed, base_s, anywhere)
+    return ListedFrames(sorted(ticks), dict(sorted(keys.items())), max(stated, 0), timed, base_s, anywhere)
 
 
 # decoding takes time, too; the first frame may be this late, because its successor is unknown

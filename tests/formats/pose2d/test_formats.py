@@ -99,6 +99,18 @@ def mmpose_images(folder: Path) -> Path:
     return folder
 
 
+def in_predictions(write: Callable[[Path], Path]) -> Callable[[Path], Path]:
+    """The folder that MMPose's option `out_dir` names, with images of the predictions next to them."""
+
+    def written(folder: Path) -> Path:
+        (folder / "predictions").mkdir()
+        (folder / "visualizations").mkdir()
+        write(folder / "predictions")
+        return folder
+
+    return written
+
+
 def deeplabcut(folder: Path) -> Path:
     people, parts = ("a", "b"), ("x", "y", "likelihood")
     header = [(person, name, part) for person in people for name in COCO.keypoints for part in parts]
@@ -123,6 +135,8 @@ WRITERS: dict[str, tuple[Callable[[Path], Path], dict[int, int] | None]] = {
     "coco": (coco, NUMBERED),
     "mmpose": (mmpose_video, NUMBERED),
     "mmpose images": (mmpose_images, NUMBERED),
+    "mmpose output of a video": (in_predictions(mmpose_video), NUMBERED),
+    "mmpose output of images": (in_predictions(mmpose_images), NUMBERED),
     "deeplabcut": (deeplabcut, BY_PLACE),
 }
 

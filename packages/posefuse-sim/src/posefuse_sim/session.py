@@ -18,9 +18,10 @@ from __future__ import annotations
 import dataclasses
 import shutil
 import warnings
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
+import av
 import numpy as np
 
 from posefuse.core import InputError
@@ -29,7 +30,7 @@ from posefuse.formats.image_folders import write_frame_times
 from posefuse.formats.npz import read_arrays, write_arrays
 from posefuse.formats.rig import write_rig
 from posefuse.formats.truth import write_truth
-from posefuse.formats.video import join_videos
+from posefuse.formats.video import MP4_OPTIONS, TIME_BASE, open_mp4
 from posefuse.foundation.output_folder import check_replaceable, find_unfinished, output_folder
 from posefuse.foundation.platform import usable_cores
 
@@ -186,6 +187,29 @@ def runs_of(live: LiveScene, paths: SessionPaths) -> list[FrameRun]:
             frames, done = slice(first, min(first + length, len(shots))), paths.parts / f"{name}.npz"
             runs.append(FrameRun(c, frames, video, paths.depth(shots.camera), done))
     return runs
+
+
+def join_videos(parts: Sequence[Path], path: Path) -> None:
+    """Put videos of one encoding, one after the other in time, into one .mp4 without encoding again; keeps their times.
+
+    Raises:
+        InputError: a part cannot be read, or the file cannot be written.
+    """
+    try:
+        with open_mp4(path, MP4_OPTIONS) as joined:
+            stream = None
+            for part in parts:
+                with av.open(str(part)) as container:
+                    source = container.streams.video[0]
+                    if stream is None:
+                        stream = joined.add_stream_from_template(source)
+                        stream.time_base = TIME_BASE
+                    for packet in container.demux(source):
+                        if packet.dts is not None:
+                            packet.stream = stream
+                            joined.mux(packet)
+    except (av.error.FFmpegError, OSError) as error:
+        raise InputError(f"{path}: cannot be joined from {len(parts)} parts ({error})") from None
 
 
 def finish_session(live: LiveScene, paths: SessionPaths) -> None:

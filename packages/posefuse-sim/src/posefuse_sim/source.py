@@ -20,7 +20,7 @@ from posefuse.core.errors import choices
 from posefuse.formats.image_folders import DepthFolder
 from posefuse.formats.npz import read_arrays
 from posefuse.formats.truth import read_truth
-from posefuse.formats.video import read_video
+from posefuse.sources import VideoConfig
 
 from .build import LiveScene, live_scene
 from .render.model import render_model
@@ -115,12 +115,12 @@ def _drawn(live: LiveScene, i: int) -> Iterator[_Film]:
 def _played(paths: SessionPaths, camera: Camera, i: int) -> Iterator[_Film]:
     """Frames of the video of camera number `i`, decoded in order."""
     shots = read_arrays(paths.shots)
-    decoded = enumerate(read_video(paths.video(camera.name)))
+    frames = VideoConfig(paths.video(camera.name), camera.name, threads=False).build().frames()
     stamp_ns, folder = shots[f"stamp{i}_ns"], paths.depth(camera.name)
     depths = DepthFolder(folder) if folder.is_dir() else None
 
     def played(k: int) -> tuple[Array, DepthImage | None]:
-        image = next(image for number, (_, image) in decoded if number == k)
+        image = next(frame.image for frame in frames if frame.seq == k)
         return image, depths.at(int(stamp_ns[k]), camera.size_wh) if depths else None
 
     yield shots[f"seq{i}"], stamp_ns, played

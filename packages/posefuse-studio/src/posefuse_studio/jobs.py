@@ -125,9 +125,9 @@ class Jobs:
     def all(self, *works: str) -> list[Job]:
         """All jobs of the workspace, the newest first; of some kinds of work where these are given."""
         place = self._workspace.path(JOBS_FOLDER)
-        names = sorted(os.listdir(place), reverse=True) if place.is_dir() else []  # noqa: PTH208 - names alone, of hundreds
-        found = [job for name in names if (job := self.job(name)) is not None]
-        return [job for job in found if not works or job.work in works]
+        names = os.listdir(place) if place.is_dir() else []  # noqa: PTH208 - names alone, of hundreds
+        found = [job for name in names if (job := self.job(name)) is not None and (not works or job.work in works)]
+        return sorted(found, key=lambda job: (job.begun_s, job.id), reverse=True)
 
     def job(self, job_id: str) -> Job | None:
         """By its id; None where there is none, or its file is damaged or of another user."""

@@ -139,6 +139,15 @@ def _cubic(u: Array, n: int, derivative: int) -> Array:
     return np.asarray(np.where(near, inner, np.where(far, outer, 0.0)))
 
 
+def apart(times: Array, least: float) -> Array:
+    """Indices of rising times (N,), in any unit, each at least so long after the one before."""
+    chosen: list[int] = []
+    for i, t in enumerate(times.tolist()):
+        if not chosen or t >= times[chosen[-1]] + least:
+            chosen.append(i)
+    return np.array(chosen, np.intp)
+
+
 # two frames further apart than this many periods are not interpolated between
 _LONGEST_GAP_PERIODS = 2.2
 

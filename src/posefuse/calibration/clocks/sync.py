@@ -12,12 +12,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from posefuse.calibration.bundle import clustered_covariance
 from posefuse.calibration.clocks.person_tracks import MIN_SCORE, limb_keypoints
 from posefuse.calibration.report import CalibrationReport, Check
 from posefuse.core import CalibrationError, Rig, Skeleton
 from posefuse.core.arrays import Array
 
-from .paths import ACCELERATIONS_M_S2, APART_S, LEAST_VIEWS, LONGEST_STEP_S, SETTLED_S, ClockSums, MovingViews, Paths
+from .paths import ACCELERATIONS_M_S2, APART_S, LEAST_VIEWS, LONGEST_STEP_S, SETTLED_S, ClockSums, MovingViews, Paths, apart
 from .person_tracks import PersonTrack
 from .start import RoughClocks, rough_clocks
 
@@ -104,7 +105,7 @@ def estimate_clocks(rig: Rig, tracks: Sequence[PersonTrack], start: ClockEstimat
         value = value + step
         if acceleration == ACCELERATIONS_M_S2[-1] and np.abs(step[: len(rig)]).max() < SETTLED_S:
             break
-    covariance = _covariance(information + prior, pulls - pulls.mean(axis=0))
+    covariance = clustered_covariance(np.linalg.inv(information + prior), pulls, np.arange(len(pulls)))
     clocks = _against_first(value, covariance, len(rig), start.middle_s)
     return ClockFit(clocks, _spread_px(paths, len(rig)), block_s, tuple(sums))
 
@@ -120,7 +121,8 @@ def _blocks(rig: Rig, tracks: Sequence[PersonTrack], start: ClockEstimate) -> li
     norm = [camera.norm_from_px(track.xy_img) for camera, track in zip(rig, tracks, strict=True)]
     blocks = []
     for k in chosen:
-        inside = [_thinned(t, edges[k] - _MARGIN_S, edges[k + 1] + _MARGIN_S) for t in taken]
+        rows = [np.flatnonzero((t >= edges[k] - _MARGIN_S) & (t <= edges[k + 1] + _MARGIN_S)) for t in taken]
+        inside = [some[apart(t[some], APART_S)] for t, some in zip(taken, rows, strict=True)]
         c = np.repeat(np.arange(len(rig)), [len(rows) for rows in inside])
         xy = np.concatenate([norm[i][rows] for i, rows in enumerate(inside)])
         seen = np.isfinite(xy[..., 0]).any(axis=1)
@@ -128,16 +130,6 @@ def _blocks(rig: Rig, tracks: Sequence[PersonTrack], start: ClockEstimate) -> li
             stamps = np.concatenate([tracks[i].t_s[rows] for i, rows in enumerate(inside)])
             blocks.append((float(edges[k] + edges[k + 1]) / 2, MovingViews(c[seen], stamps[seen], xy[seen])))
     return blocks
-
-
-def _thinned(t_s: Array, begin_s: float, end_s: float) -> Array:
-    """Rows from begin to end that are not too close to each other."""
-    rows, last = [], -np.inf
-    for row in np.flatnonzero((t_s >= begin_s) & (t_s <= end_s)):
-        if t_s[row] >= last + APART_S:
-            rows.append(row)
-            last = t_s[row]
-    return np.array(rows, np.intp)
 
 
 def _design(since_s: Array, cameras: int, with_drift: bool) -> Array:
@@ -158,16 +150,6 @@ def _only_differences(cameras: int, with_drift: bool) -> Array:
     same = np.ones((cameras, cameras)) / cameras**2 * 1e6 + np.eye(cameras)
     scales = (_BEFORE_S, _BEFORE_DRIFT) if with_drift else (_BEFORE_S,)
     return np.kron(np.diag([scale**-2 for scale in scales]), same)
-
-
-def _covariance(information: Array, pulls: Array) -> Array:
-    """From the noise, or from the scatter of the blocks where that is larger (White 1980)."""
-    formal = np.linalg.inv(information)
-    if len(pulls) < 2:
-        return formal
-    scatter = formal @ (pulls.T @ pulls * len(pulls) / (len(pulls) - 1)) @ formal
-    larger = np.sqrt(np.maximum(np.diag(scatter) / np.diag(formal), 1.0))
-    return np.asarray(formal * larger[:, None] * larger)
 
 
 def _against_first(value: Array, covariance: Array, cameras: int, middle_s: float) -> ClockEstimate:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from itertools import combinations
 
 import cv2
 import numpy as np
@@ -203,7 +204,8 @@ def prop_shape(views: PlanarViews, patch_count: int, side_m: float) -> PropShape
     Markers that move independently of those with most agreement are left out.
     """
     edges: dict[tuple[int, int], Edge] = {}
-    for (i, j), (first, second) in _together(views.camera, views.time_step, views.patch, patch_count).items():
+    images = views.time_step * (int(views.camera.max(initial=0)) + 1) + views.camera
+    for (i, j), (first, second) in _together(images, views.patch, patch_count).items():
         candidates = _relative(views.cam_from_patch[first], views.cam_from_patch[second])
         edge = vote(candidates, _MARKER_ANGLE_RAD, np.full(len(first), _MARKER_DISTANCE * side_m))
         edges[(i, j)] = edge
@@ -213,18 +215,16 @@ def prop_shape(views: PlanarViews, patch_count: int, side_m: float) -> PropShape
     return PropShape(placed, (root,))
 
 
-def _together(camera: Array, time_step: Array, patch: Array, count: int) -> dict[tuple[int, int], tuple[Array, Array]]:
-    """For each pair of patches i < j: the rows of both in images that show both."""
-    image = time_step * (int(camera.max(initial=0)) + 1) + camera
-    images, image_no = np.unique(image, return_inverse=True)
-    row = np.full((len(images), count), -1, np.int64)
-    row[image_no, patch] = np.arange(len(patch))
+def _together(place: Array, item: Array, count: int) -> dict[tuple[int, int], tuple[Array, Array]]:
+    """For each pair of items i < j of all `count`: the rows of both at places (N,), images or time steps, that have both."""
+    places, number = np.unique(place, return_inverse=True)
+    row = np.full((len(places), count), -1, np.int64)
+    row[number, item] = np.arange(len(item))
     pairs = {}
-    for i in range(count):
-        for j in range(i + 1, count):
-            both = (row[:, i] >= 0) & (row[:, j] >= 0)
-            if both.any():
-                pairs[(i, j)] = (row[both, i], row[both, j])
+    for i, j in combinations(range(count), 2):
+        both = (row[:, i] >= 0) & (row[:, j] >= 0)
+        if both.any():
+            pairs[(i, j)] = (row[both, i], row[both, j])
     return pairs
 
 
@@ -312,16 +312,8 @@ def _misfit(cam_from_prop: Poses, xyz: Array, xy: Array) -> Array:
 
 def camera_edges(views: PropViews, camera_count: int) -> dict[tuple[int, int], Edge]:
     """Relative poses of cameras, from time steps at which two of them see the prop."""
-    edges: dict[tuple[int, int], Edge] = {}
-    time_steps, place = np.unique(views.time_step, return_inverse=True)
-    row = np.full((len(time_steps), camera_count), -1, np.int64)
-    row[place, views.camera] = np.arange(len(views.camera))
-    for a in range(camera_count):
-        for b in range(a + 1, camera_count):
-            both = (row[:, a] >= 0) & (row[:, b] >= 0)
-            if both.any():
-                edges[(a, b)] = _camera_vote(*(views.cam_from_prop[row[both, c]] for c in (a, b)))
-    return edges
+    pairs = _together(views.time_step, views.camera, camera_count)
+    return {pair: _camera_vote(*(views.cam_from_prop[rows] for rows in both)) for pair, both in pairs.items()}
 
 
 def _camera_vote(a_from_prop: Poses, b_from_prop: Poses) -> Edge:

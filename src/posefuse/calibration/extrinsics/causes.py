@@ -275,25 +275,14 @@ def _camera_means(solved: Solved, c: int) -> tuple[Array, Array, Array, Array]:
 
 def _split(task: RigTask, solved: Solved, c: int, step: int) -> Freed:
     """Solve with the camera taken as two, before and after the step."""
-    t_s, count, state, seen = float(solved.seen.t_s[step]), len(solved.cameras), solved.solution.state, solved.seen
-    every = np.r_[:count, c]
-    camera = np.where((seen.camera == c) & (seen.t_s[seen.time_step] >= t_s), count, seen.camera)
-    apart = replace(seen, camera=camera).rows(np.ones(len(camera), bool))
-    start = replace(
-        state,
-        cam_from_world=state.cam_from_world[every],
-        delay_s=state.delay_s[every],
-        lens_delta=state.lens_delta[every],
-        turn_rad_s=state.turn_rad_s[every],
-    )
-    cameras, solution = tuple(solved.cameras[i] for i in every), replace(solved.solution, state=start)
-    found = replace(solved, cameras=cameras, seen=apart, solution=solution).again()
+    t_s, count, seen = float(solved.seen.t_s[step]), len(solved.cameras), solved.seen
+    found = solved.with_camera_apart(c, ((seen.camera == c) & (seen.t_s[seen.time_step] >= t_s)).astype(np.int64))
     pose = found.solution.state.cam_from_world
     shift_m = float(np.linalg.norm(pose.inverse().t[count] - pose.inverse().t[c]))
     turn_deg = float(np.rad2deg(angle_between(pose.R[count], pose.R[c])))
     at_s = t_s + (middle_ns(task.observations) - task.observations.t_ns.min()) / 1e9
-    words = f"{cameras[c].name} was moved at {at_s:.0f} s by {shift_m * 1e3:.0f} mm and {turn_deg:.2f} deg"
-    as_one = replace(found, seen=replace(apart, camera=np.where(apart.camera == count, c, apart.camera)))
+    words = f"{solved.cameras[c].name} was moved at {at_s:.0f} s by {shift_m * 1e3:.0f} mm and {turn_deg:.2f} deg"
+    as_one = replace(found, seen=replace(found.seen, camera=np.where(found.seen.camera == count, c, found.seen.camera)))
     return Freed(Check("cause", False, words, "calibrate again, or use the part before or after"), as_one, 7)
 
 
@@ -348,7 +337,7 @@ class FrameTimes:
 
 def wrong_stamps(task: RigTask, solved: Solved) -> Iterator[Freed]:
     """Frames of one camera are stamped late or early, some or all from a time on: they get the time at which they fit."""
-    for c in _worst_cameras(solved):
+    for c in (int(i) for i in np.argsort(solved.agreeing)[:_CANDIDATES]):
         part = _middle_part(task.observations, c)
         times = frame_times(part, middle_ns(task.observations), solved, c)
         if times is None or not _LEAST_WRONG < times.wrong.mean() < _MOST_WRONG:
@@ -363,13 +352,6 @@ def wrong_stamps(task: RigTask, solved: Solved) -> Iterator[Freed]:
             again, lost = solve_from_scratch(task, restamped, "offset" if delay_s.any() else "together", delay_s)
             words, remedy = times.story(int(task.observations.t_ns.min()))
             yield Freed(Check("cause", False, words, remedy), again, 2 if shifted else 1, lost)
-
-
-def _worst_cameras(solved: Solved) -> list[int]:
-    """Cameras of which the fewest views agree."""
-    camera, count = solved.seen.camera[solved.seen.group_starts()], len(solved.cameras)
-    share = np.bincount(camera, solved.inlier, count) / np.maximum(np.bincount(camera, minlength=count), 1)
-    return [int(c) for c in np.argsort(share)[:_CANDIDATES]]
 
 
 def _middle_part(observations: CornerObservations, c: int) -> CornerObservations:

@@ -16,7 +16,7 @@ from posefuse.core import Camera
 from posefuse.core.arrays import Array
 
 from .pipeline import Solved
-from .prop_solve import PropSolution
+from .prop_solve import PropSolution, SolvedRig
 
 IN_STEP = "cameras are synchronised"
 _FREE_FOCAL, _FREE_LENS = 0.2, (10.0, 10.0, 0.05, 0.05)
@@ -60,12 +60,16 @@ def lenses_freed(solved: Solved, offset: bool, of: tuple[int, ...] | None = None
     return solved.again(offset=offset, lens_sigma=sigma, lens_of=of, turning=turning)
 
 
-def check_clocks(free: Solved) -> Check:
-    """Clocks that are let free stay: against the median, since the held one may be the one that is off."""
+def check_clocks(
+    free: SolvedRig, least: tuple[float, float] = (LIMITS.late_s, LIMITS.drift), sigmas: float = LIMITS.late_sigma
+) -> Check:
+    """Clocks that are let free stay: against the median, since the held one may be the one that is off.
+
+    `least` s and s/s, and `sigmas` standard errors, of the usual camera or of its own, are allowed.
+    """
     cameras, delay_s, sigma_s = free.cameras, free.solution.state.delay_s, free.solution.delay_sigma_s
-    late_s = delay_s - np.median(delay_s, axis=0)
-    least = np.array([LIMITS.late_s, LIMITS.drift])
-    off = np.abs(late_s) > np.maximum(least, LIMITS.late_sigma * sigma_s)
+    late_s, sigma_s = delay_s - np.median(delay_s, axis=0), np.maximum(sigma_s, np.median(sigma_s, axis=0))
+    off = np.abs(late_s) > np.maximum(least, sigmas * sigma_s)
     words = [
         f"the clock of {camera.name} runs {drift * 1e6:+.0f} ppm fast (drift)" if drifts else
         f"the clock of {camera.name} is off by {late * 1e3:+.1f} ms"
@@ -75,7 +79,7 @@ def check_clocks(free: Solved) -> Check:
     fine = f"{cameras[worst].name} is off most, by {late_s[worst, 0] * 1e3:+.1f} ± {sigma_s[worst, 0] * 1e3:.1f} ms"
     drifting = bool(off[:, 1].any())
     return Check(
-        IN_STEP, not words, f"{', '.join(words) or fine} (limit {LIMITS.late_s * 1e3:.0f} ms)",
+        IN_STEP, not words, f"{', '.join(words) or fine} (limit {least[0] * 1e3:.0f} ms)",
         f"the cameras are not synchronised: calibrate with `clocks={'drift' if drifting else 'offset'}`",
         "drift" if drifting else "clocks",
     )  # fmt: skip
@@ -176,7 +180,7 @@ def lens_change(solved: Solved, free: Solved) -> LensChange:
     focal_px = np.array([camera.K[0, 0] for camera in cameras])
     delta = free.solution.state.lens_delta - solved.solution.state.lens_delta
     covariance = free.solution.lens_covariance
-    rim = np.array([rim_radius(camera, seen.xy_img[seen.camera == i]) for i, camera in enumerate(cameras)])
+    rim = np.array([_rim_radius(camera, seen.xy_img[seen.camera == i]) for i, camera in enumerate(cameras)])
     slope = np.zeros((2, len(cameras), 6))
     slope[0, :, :2] = 0.5 / focal_px[:, None]
     slope[1, :, 4], slope[1, :, 5] = focal_px * rim**3, focal_px * rim**5
@@ -191,7 +195,7 @@ def lens_change(solved: Solved, free: Solved) -> LensChange:
     )  # fmt: skip
 
 
-def rim_radius(camera: Camera, xy_img: Array) -> float:
+def _rim_radius(camera: Camera, xy_img: Array) -> float:
     """Radius on the ideal image plane within which most of the points lie."""
     if len(xy_img) == 0:
         return 0.0

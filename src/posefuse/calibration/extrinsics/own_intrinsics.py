@@ -8,14 +8,14 @@ from dataclasses import replace
 import cv2
 import numpy as np
 
+from posefuse.calibration.intrinsics import flat_views, solve_model
 from posefuse.calibration.report import LIMITS, Check
 from posefuse.calibration.targets.corners import CornerObservations
 from posefuse.calibration.targets.coverage import ENOUGH_SHARE, coverage
-from posefuse.calibration.targets.kinds import Target, in_a_plane
+from posefuse.calibration.targets.kinds import Target
 from posefuse.core import SE3, CalibrationError, Camera
-from posefuse.core.arrays import Array
 
-from .freedoms import rim_radius
+from .freedoms import lens_change
 from .pipeline import TIME_STEPS, Options, RigTask, Solved, solve, starting_clocks
 
 # views of one patch that start a camera, and the least that can
@@ -60,16 +60,11 @@ def cameras_of(observations: CornerObservations, target: Target, options: Option
 
 def check_carried(observations: CornerObservations, solved: Solved) -> Check:
     """The recording determines the intrinsics: near and far, over the image, and by the standard errors of the solve."""
-    seen, solution = solved.seen, solved.solution
-    share = coverage(observations).share
+    share, sigma = coverage(observations).share, lens_change(solved, solved).sigma
     distance_m, problems = solved.distance_m, []
     for c, camera in enumerate(solved.cameras):
-        sigma = np.sqrt(np.diag(solution.lens_covariance[c]))
-        focal = float(np.hypot(sigma[0], sigma[1]) / np.sqrt(2) / camera.K[0, 0])
-        rim = rim_radius(camera, seen.xy_img[seen.camera == c])
-        slope = camera.K[0, 0] * np.array([rim**3, rim**5])
-        bend_px = float(np.sqrt(slope @ solution.lens_covariance[c][4:, 4:] @ slope)) * 1000 / max(camera.size_wh)
-        near, far = np.quantile(distance_m[seen.camera == c], [0.05, 0.95])
+        focal, bend_px = sigma[c, 0], sigma[c, 2] * 1000 / max(camera.size_wh)
+        near, far = np.quantile(distance_m[solved.seen.camera == c], [0.05, 0.95])
         rules = (
             (share[c] < ENOUGH_SHARE, f"its image is covered by {share[c]:.0%} (needed {ENOUGH_SHARE:.0%})"),
             (far < LIMITS.own_depth_ratio * near,
@@ -88,25 +83,13 @@ def check_carried(observations: CornerObservations, solved: Solved) -> Check:
 
 def _start(observations: CornerObservations, c: int, target: Target) -> Camera:
     name, size = observations.cameras[c], observations.sizes_wh[c]
-    mine = observations.rows(observations.camera == c)
-    key = np.stack([mine.t_ns, mine.patch], axis=1)
-    place = np.unique(key, axis=0, return_inverse=True)[1].ravel()
-    count = np.bincount(place)
-    many = np.flatnonzero(count >= _LEAST_CORNERS)
-    corners = {view: target.corners(int(mine.patch[place == view][0]))[mine.corner[place == view]] for view in many.tolist()}
-    views = np.array([view for view, points in corners.items() if in_a_plane(points)], np.intp)
+    views = flat_views(observations.rows(observations.camera == c), target, _LEAST_CORNERS)
     if len(views) < _LEAST_VIEWS:
         raise CalibrationError(f"camera {name}: {len(views)} views of the target, its intrinsics need at least {_LEAST_VIEWS}")
     # large views know more of the perspective
-    spread = np.array([np.ptp(mine.xy_img[place == view], axis=0).sum() for view in views])
-    chosen = views[np.argsort(-spread)[:_VIEWS]]
-    points, pixels = [], []
-    for view in chosen:
-        rows = place == view
-        points.append(corners[int(view)].astype(np.float32))
-        pixels.append(mine.xy_img[rows].astype(np.float32))
+    large = sorted(views, key=lambda view: -float(np.ptp(view.xy, axis=0).sum()))[:_VIEWS]
     K = np.array([[0.9 * size[0], 0, (size[0] - 1) / 2], [0, 0.9 * size[0], (size[1] - 1) / 2], [0, 0, 1]])
     flags = cv2.CALIB_USE_INTRINSIC_GUESS | cv2.CALIB_FIX_PRINCIPAL_POINT | cv2.CALIB_FIX_ASPECT_RATIO
     flags |= cv2.CALIB_FIX_K1 | cv2.CALIB_FIX_K2 | cv2.CALIB_FIX_K3 | cv2.CALIB_ZERO_TANGENT_DIST
-    found: Array = cv2.calibrateCamera(points, pixels, size, K, np.zeros(5), flags=flags)[1]
+    found = solve_model(large, size, flags, K).K
     return Camera(name=name, size_wh=size, K=found, cam_from_world=SE3.identity(), distortion=np.zeros(5))

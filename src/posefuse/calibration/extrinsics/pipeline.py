@@ -27,13 +27,12 @@ from .bootstrap import (
     strong_camera_edges,
     tree,
 )
-from .prop_solve import Freedom, PropSolution, PropState, solve_prop
+from .prop_solve import Freedom, PropState, SolvedRig, solve_prop
 from .snapshots import Snapshots, evenly, middle_ns, pick_time_steps, snapshots
 
 LEAST_TIME_STEPS = 8
 _MOST_CLOCK_ROUNDS = 5
 _CLOCK_SETTLED_S = 1e-4
-_INLIER_SIGMA = 4.0
 _LEAST_PATCH_SHARE = 0.6
 # time steps that are enough to distinguish hypotheses
 TIME_STEPS = 100
@@ -101,29 +100,16 @@ class Links:
         return Freedom(reference=self.reference, held_patches=self.shape.held)
 
 
-@dataclass(frozen=True, eq=False)
-class Solved:
-    """A solved rig before any check; the world is the reference camera.
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Solved(SolvedRig):
+    """A rig solved from a prop; the world is the reference camera.
 
     Attributes:
-        cameras: as given. seen: the corners used. corners: (M, n, 3) of each patch. links: the rough answer.
-        solution: unknowns and residuals. dropped: patches (ids) left out, with the reason.
+        links: the rough answer. dropped: patches (ids) left out, with the reason.
     """
 
-    cameras: tuple[Camera, ...]
-    seen: Snapshots
-    corners: Array
     links: Links
-    solution: PropSolution
     dropped: dict[int, str]
-
-    @property
-    def inlier(self) -> Array:
-        """(groups,) whether a marker in an image agrees with the solution: every corner within 4 robust standard deviations."""
-        square = np.nan_to_num(((self.solution.residual_px / self.solution.sigma_px) ** 2).mean(axis=1), nan=np.inf)
-        worst = np.zeros(self.seen.group_count)
-        np.maximum.at(worst, self.seen.group, square)
-        return np.asarray(worst <= _INLIER_SIGMA**2)
 
     @property
     def refined(self) -> tuple[Camera, ...]:
@@ -146,11 +132,6 @@ class Solved:
         rows = np.isin(self.seen.time_step, evenly(np.unique(self.seen.time_step), TIME_STEPS))
         less = replace(self.solution, residual_px=self.solution.residual_px[rows])
         return replace(self, seen=self.seen.rows(rows), solution=less)
-
-    def again(self, **freed: Any) -> Solved:
-        """Solved once more from here, with the fields `freed` of `Freedom` besides the poses of cameras and patches."""
-        freedom = replace(self.links.freedom, **freed)
-        return replace(self, solution=solve_prop(self.seen, self.corners, self.cameras, self.solution.state, freedom))
 
 
 def link(task: RigTask, seen: Snapshots) -> Links:
@@ -210,7 +191,10 @@ def solve_linked(task: RigTask, links: Links, delay_s: Array) -> Solved:
     freed: dict[str, Any] = {"offset": options.clocks != "together", "drift": options.clocks == "drift", "lens_sigma": lens_sigma}
     seen = seen.rows(known[seen.time_step] & np.isin(seen.patch, list(placed)))
     freedom = replace(links.freedom, **freed)
-    solved = Solved(cameras, seen, corners, links, solve_prop(seen, corners, cameras, state, freedom), dropped)
+    solution = solve_prop(seen, corners, cameras, state, freedom)
+    solved = Solved(
+        cameras=cameras, seen=seen, corners=corners, solution=solution, freedom=links.freedom, links=links, dropped=dropped
+    )
     bad = _disagreeing_patches(solved)
     if bad:
         named = {int(seen.patches[p]): f"{1 - share:.0%} of its views disagree with the prop" for p, share in bad.items()}

@@ -1,12 +1,15 @@
-"""Bundle adjustment of cameras that watch moving rigid props (after Sarmadi et al. 2019, section 3.4).
+"""Bundle adjustment of cameras that watch moving rigid props (after Sarmadi et al. 2019, section 3.4), or free points.
 
 Unknown: the pose of every patch (marker) on the prop, of the prop at every time step, of every camera; on request each
-camera's clock (offset and drift) and lens. Held: the first camera at the origin and one patch on each prop.
+camera's clock (offset and drift) and lens. Held: the first camera at the origin and one patch on each prop. A point, such as a
+keypoint of a person at a time step, is a prop of one corner, which has a place and no orientation.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Any, Self
 
 import numpy as np
 
@@ -17,12 +20,31 @@ from posefuse.core.arrays import Array
 
 from .snapshots import Snapshots
 
-_ROUGH_SIGMA_PX, _LEAST_SIGMA_PX = 2.0, 0.05
-_CAUCHY = 3.0
+_LEAST_SIGMA_PX = 0.05
 _DELAY_SCALE_S = np.array([1e-3, 1e-5])
 _TURN_SCALE_RAD_S = 1e-3
 # stretches of a recording whose scatter the standard errors answer for
 _TIME_BLOCKS = 16
+# a view agrees within so many standard deviations, which are this at least, px
+_INLIER_SIGMA, _LEAST_AGREEING_PX = 4.0, 0.2
+
+
+@dataclass(frozen=True)
+class Loss:
+    """How residuals count.
+
+    Attributes:
+        rough_px: noise of a coordinate before any is found. cauchy: scales of the robust loss, in standard deviations, of the
+            solve with that noise and of the one with the noise found.
+    """
+
+    rough_px: float
+    cauchy: tuple[float, float]
+
+
+# corners (M, n, 3) of what is a point, and how residuals of corners and of keypoints count
+POINT = np.zeros((1, 1, 3))
+CORNERS, KEYPOINTS = Loss(2.0, (1.0, 3.0)), Loss(8.0, (2.0, 2.0))
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,6 +72,12 @@ class PropState:
         nothing = np.zeros((count, len(LENS_PARAMETERS))), np.zeros((count, 3))
         return cls(cam_from_world, world_from_prop, prop_from_patch, delay_s, *nothing)
 
+    @classmethod
+    def of_points(cls, cam_from_world: Poses, xyz: Array) -> PropState:
+        """The same of points (P, 3), seen at the times at which they were read."""
+        count = len(cam_from_world)
+        return cls.starting(cam_from_world, replace(Poses.identity(len(xyz)), t=xyz), Poses.identity(1), np.zeros((count, 2)))
+
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Freedom:
@@ -63,6 +91,8 @@ class Freedom:
         lens_of: cameras whose intrinsics move, None for all.
         moving: cameras whose poses and clocks move, instead of all but the reference.
         turning: cameras that may turn at a constant rate; as all places stay, the reference camera's is determined, too.
+        scale: camera and axis of the translation that is held where no corner has a size; None where corners set the scale.
+        calibrated: poses from which the cameras move by `pose_sigma` (6,) at a time, rad and m in their own axes; None: any.
     """
 
     reference: int | None
@@ -73,6 +103,9 @@ class Freedom:
     lens_of: tuple[int, ...] | None = None
     moving: tuple[int, ...] | None = None
     turning: tuple[int, ...] = ()
+    scale: tuple[int, int] | None = None
+    calibrated: Poses | None = None
+    pose_sigma: Array | None = None
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -80,7 +113,7 @@ class PropSolution:
     """Where the solve stopped.
 
     Attributes:
-        state: unknowns. sigma_px: robust spread of a corner coordinate.
+        state: unknowns. sigma_px: robust spread of a corner coordinate of usual noise.
         residual_px: (N, 2) predicted minus observed.
         camera_covariance: (C, 6, 6) of rotation vector (rad) and translation (m) of cam_from_world, relative to the reference;
             like all standard errors here at least the scatter between parts of the recording.
@@ -100,28 +133,114 @@ class PropSolution:
     predicted_sigma_px: Array
 
 
-def solve_prop(seen: Snapshots, corners: Array, cameras: tuple[Camera, ...], start: PropState, freedom: Freedom) -> PropSolution:
+@dataclass(frozen=True, eq=False, kw_only=True)
+class SolvedRig:
+    """A solved rig before any check, in any world.
+
+    Attributes:
+        cameras: as given. seen: the corners used. corners: (M, n, 3) of each patch. solution: unknowns and residuals.
+        freedom: of the poses of cameras and patches alone. loss: of the residuals.
+    """
+
+    cameras: tuple[Camera, ...]
+    seen: Snapshots
+    corners: Array
+    solution: PropSolution
+    freedom: Freedom
+    loss: Loss = CORNERS
+
+    @property
+    def inlier(self) -> Array:
+        """(groups,) whether a marker in an image agrees with the solution: every corner within 4 robust standard deviations.
+
+        Corners can be sharper than time stamps and lenses are right: what they show of these is not that a camera moved.
+        """
+        sigma_px = (max(self.solution.sigma_px, _LEAST_AGREEING_PX) * self.seen.noise)[:, None]
+        square = np.nan_to_num(((self.solution.residual_px / sigma_px) ** 2).mean(axis=1), nan=np.inf)
+        worst = np.zeros(self.seen.group_count)
+        np.maximum.at(worst, self.seen.group, square)
+        return np.asarray(worst <= _INLIER_SIGMA**2)
+
+    @property
+    def agreeing(self) -> Array:
+        """(C,) share of each camera's markers in an image, or of its keypoints, that agree."""
+        camera, count = self.seen.camera[self.seen.group_starts()], len(self.cameras)
+        return np.bincount(camera, self.inlier, count) / np.maximum(np.bincount(camera, minlength=count), 1)
+
+    def again(self, **freed: Any) -> Self:
+        """Solved once more from here, with the fields `freed` of `Freedom` besides the poses of cameras and patches."""
+        freedom, state = replace(self.freedom, **freed), self.solution.state
+        return replace(self, solution=solve_prop(self.seen, self.corners, self.cameras, state, freedom, self.loss))
+
+    def with_camera_apart(self, c: int, part: Array) -> Self:
+        """Solved with further cameras in the place of `c`, behind all others: one for each number above 0 in part (N,)."""
+        count, state = len(self.cameras), self.solution.state
+        every = np.r_[:count, np.full(int(part.max(initial=0)), c)]
+        start = replace(
+            state,
+            cam_from_world=state.cam_from_world[every],
+            delay_s=state.delay_s[every],
+            lens_delta=state.lens_delta[every],
+            turn_rad_s=state.turn_rad_s[every],
+        )
+        seen = replace(self.seen, camera=np.where(part > 0, count + part - 1, self.seen.camera))
+        seen = seen.rows(np.ones(len(part), bool))
+        cameras, solution = tuple(self.cameras[i] for i in every), replace(self.solution, state=start)
+        return replace(self, cameras=cameras, seen=seen, solution=solution).again()
+
+
+def focal_change(free: SolvedRig) -> tuple[Array, Array]:
+    """(C,) by which share each camera's focal length would rather be longer than given, and standard errors; 0 where held.
+
+    As of one that both axes share: a person who walks hardly shows the upright one by itself.
+    """
+    focal_px = np.array([camera.K[0, 0] for camera in free.cameras])[:, None]
+    change = free.solution.state.lens_delta[:, :2] / focal_px
+    weight = np.linalg.pinv(free.solution.lens_covariance[:, :2, :2] / focal_px[..., None] ** 2, hermitian=True).sum(axis=2)
+    known = np.maximum(weight.sum(axis=1), 1e-300)
+    sigma = np.where(weight.any(axis=1), 1 / np.sqrt(known), 0.0)
+    return (weight * change).sum(axis=1) / known, sigma
+
+
+def focal_sigma(cameras: Sequence[Camera], share: float) -> Array:
+    """(6,) standard errors of `LENS_PARAMETERS` that let the focal lengths alone free, known to a share of them."""
+    focal_px = share * float(np.mean([camera.K[0, 0] for camera in cameras]))
+    return np.array([focal_px, focal_px, 0, 0, 0, 0])
+
+
+def solve_prop(
+    seen: Snapshots, corners: Array, cameras: tuple[Camera, ...], start: PropState, freedom: Freedom, loss: Loss = CORNERS
+) -> PropSolution:
     """Two robust solves: one with a wide loss to come near, one with the noise found by the first.
 
     `corners` (M, n, 3): corners of each patch in its own frame. `start.delay_s` is the delay the snapshots were taken
     with; the clock columns move them along their image velocity from there.
     """
     given = (seen, corners, cameras, start, freedom)
-    first = solve_bundle(_PropProblem(*given, sigma_px=_ROUGH_SIGMA_PX, cauchy=1.0), start)
-    sigma_px = first.spread_px(_ROUGH_SIGMA_PX, _LEAST_SIGMA_PX)
-    second = solve_bundle(_PropProblem(*given, sigma_px=sigma_px, cauchy=_CAUCHY), first.state)
+    first = solve_once(*given, sigma_px=loss.rough_px, cauchy=loss.cauchy[0])
+    sigma_px = first.spread_px(loss.rough_px, _LEAST_SIGMA_PX)
+    second = solve_bundle(_PropProblem(*given, sigma_px=sigma_px, cauchy=loss.cauchy[1]), first.state)
     return _summary(second, sigma_px, freedom, seen)
+
+
+def solve_once(
+    seen: Snapshots, corners: Array, cameras: tuple[Camera, ...], start: PropState, freedom: Freedom, *, sigma_px: float,
+    cauchy: float,
+) -> Solution[PropState]:  # fmt: skip
+    """One robust solve, with noise of known size; `cauchy`: scale of the loss in its standard deviations."""
+    return solve_bundle(_PropProblem(seen, corners, cameras, start, freedom, sigma_px=sigma_px, cauchy=cauchy), start)
 
 
 def residuals_px(seen: Snapshots, corners: Array, cameras: tuple[Camera, ...], state: PropState) -> Array:
     """(N, 2) predicted minus observed px of corners that were read at the clocks of the state; arguments as of `solve_prop`."""
     held = Freedom(reference=None, held_patches=None)
-    return _PropProblem(seen, corners, cameras, state, held, sigma_px=1.0, cauchy=1.0).residual(state)
+    residual = _PropProblem(seen, corners, cameras, state, held, sigma_px=1.0, cauchy=1.0).residual(state)
+    return np.asarray(residual * seen.noise[:, None])
 
 
 def _summary(solution: Solution[PropState], assumed_px: float, freedom: Freedom, seen: Snapshots) -> PropSolution:
     """Standard errors by the noise that was found instead of the noise that was assumed."""
-    residual_px = solution.residual * assumed_px
+    noise_px = assumed_px * seen.noise[:, None]
     sigma_px = solution.spread_px(assumed_px, _LEAST_SIGMA_PX)
     scale = (sigma_px / assumed_px) ** 2
     count = len(solution.state.cam_from_world)
@@ -134,15 +253,15 @@ def _summary(solution: Solution[PropState], assumed_px: float, freedom: Freedom,
     begins = ((0, 6), (clocks, 2), (clocks + 2 * count, len(LENS_PARAMETERS)), (clocks + 8 * count, 3))
     own = [np.concatenate([begin + size * i + np.arange(size) for begin, size in begins]) for i in range(count)]
     joint = np.stack([full[np.ix_(one, one)] for one in own])
-    poses, _, *others = (block.jacobian * assumed_px for block in solution.linear.blocks)
-    slope, predicted_px2 = np.concatenate([poses, *others], axis=2), np.zeros(len(residual_px))
+    poses, _, *others = (block.jacobian * noise_px[..., None] for block in solution.linear.blocks)
+    slope, predicted_px2 = np.concatenate([poses, *others], axis=2), np.zeros(len(seen.camera))
     for i in range(count):
         mine = slope[seen.camera == i]
         predicted_px2[seen.camera == i] = np.einsum("nai,ij,naj->n", mine, joint[i], mine)
     return PropSolution(
         state=solution.state,
         sigma_px=sigma_px,
-        residual_px=residual_px,
+        residual_px=solution.residual * noise_px,
         camera_covariance=joint[:, :6, :6],
         delay_sigma_s=np.sqrt(np.diagonal(joint[:, 6:8, 6:8], axis1=1, axis2=2)) * _DELAY_SCALE_S,
         lens_covariance=joint[:, 8:14, 8:14],
@@ -165,6 +284,8 @@ def _free(state: PropState, freedom: Freedom) -> tuple[Array, ...]:
         if freedom.moving is not None:
             others = np.isin(np.arange(len(cameras)), freedom.moving)
         cameras[others], clocks[others] = True, (freedom.offset, freedom.drift)
+    if freedom.scale is not None:
+        cameras[freedom.scale[0], 3 + freedom.scale[1]] = False
     if freedom.held_patches is not None:
         patches[~np.isin(np.arange(len(patches)), freedom.held_patches)] = True
     lens = np.zeros((len(cameras), len(LENS_PARAMETERS)), bool)
@@ -183,10 +304,10 @@ class _PropProblem(Problem[PropState]):
         self, seen: Snapshots, corners: Array, cameras: tuple[Camera, ...], start: PropState, freedom: Freedom, *,
         sigma_px: float, cauchy: float,
     ) -> None:  # fmt: skip
-        self._seen, self._cameras, self._freedom, self._sigma_px = seen, cameras, freedom, sigma_px
+        self._seen, self._cameras, self._freedom, self._sigma_px = seen, cameras, freedom, sigma_px * seen.noise[:, None]
         self.free, self.local_count, self.cauchy = _free(start, freedom), len(start.world_from_prop), cauchy
         self.group, self.group_count = seen.group, seen.group_count
-        self._xyz_patch = corners[seen.patch, seen.corner]
+        self._xyz_patch, self._points = corners[seen.patch, seen.corner], corners.shape[1] == 1
         self._delay_s = start.delay_s
         lens_sigma = np.zeros(len(LENS_PARAMETERS)) if freedom.lens_sigma is None else freedom.lens_sigma
         self._lens_prior = np.divide(1.0, lens_sigma**2, out=np.zeros(len(LENS_PARAMETERS)), where=lens_sigma > 0)
@@ -198,10 +319,15 @@ class _PropProblem(Problem[PropState]):
         return np.asarray((lenses.px(seen.camera, cam) - seen.xy_img - seen.velocity_px_s * late_s[:, None]) / self._sigma_px)
 
     def prior_cost(self, state: PropState) -> float:
-        return float((self._lens_prior * state.lens_delta**2).sum())
+        cost = float((self._lens_prior * state.lens_delta**2).sum())
+        if self._freedom.calibrated is not None:
+            cost += float(((_motion_from(self._freedom.calibrated, state) / self._freedom.pose_sigma) ** 2).sum())
+        return cost
 
     def step(self, state: PropState, blocks: list[Array], local: Array) -> PropState:
         camera, patch, clock, lens, turn = blocks
+        if self._points:
+            local = np.concatenate([np.zeros_like(local), local], axis=1)
         return replace(
             state,
             cam_from_world=state.cam_from_world.stepped(camera),
@@ -225,7 +351,7 @@ class _PropProblem(Problem[PropState]):
     def linearise(self, state: PropState) -> Linearised:
         seen = self._seen
         prop, world, cam, lenses = self._placed(state)
-        d_cam = lenses.px_jacobian(seen.camera, cam) / self._sigma_px
+        d_cam = lenses.px_jacobian(seen.camera, cam) / self._sigma_px[..., None]
         R_cam = state.cam_from_world.R[seen.camera]
         R_prop = state.world_from_prop.R[seen.time_step]
         d_world = d_cam @ R_cam
@@ -234,13 +360,23 @@ class _PropProblem(Problem[PropState]):
         turned_world = world - state.world_from_prop.t[seen.time_step]
         turned_prop = prop - state.prop_from_patch.t[seen.patch]
         blocks = (
-            ResidualBlock(_pose_jacobian(d_cam, turned_cam), seen.camera, len(state.cam_from_world)),
+            self._pose_block(state, _pose_jacobian(d_cam, turned_cam)),
             ResidualBlock(_pose_jacobian(d_prop, turned_prop), seen.patch, len(state.prop_from_patch)),
             ResidualBlock(self._clock_jacobian(), seen.camera, len(state.cam_from_world)),
             self._lens_block(state, lenses, cam),
             ResidualBlock(self._turn_jacobian(d_cam, cam), seen.camera, len(state.cam_from_world)),
         )
-        return Linearised(blocks, _pose_jacobian(d_world, turned_world), seen.time_step)
+        return Linearised(blocks, d_world if self._points else _pose_jacobian(d_world, turned_world), seen.time_step)
+
+    def _pose_block(self, state: PropState, jacobian: Array) -> ResidualBlock:
+        count, calibrated, sigma = len(state.cam_from_world), self._freedom.calibrated, self._freedom.pose_sigma
+        if calibrated is None or sigma is None:
+            return ResidualBlock(jacobian, self._seen.camera, count)
+        motion, slope = _motion_from(calibrated, state), np.tile(np.eye(6), (count, 1, 1))
+        # a turn about the origin of the world also shifts the camera
+        slope[:, 3:, :3] = hat(state.cam_from_world.t - motion[:, 3:])
+        prior = np.swapaxes(slope, 1, 2) / sigma**2 @ slope
+        return ResidualBlock(jacobian, self._seen.camera, count, prior, np.linalg.solve(slope, motion[..., None])[..., 0])
 
     def _clock_jacobian(self) -> Array:
         per_offset = -self._seen.velocity_px_s / self._sigma_px
@@ -257,11 +393,19 @@ class _PropProblem(Problem[PropState]):
         if self._freedom.lens_sigma is None:
             jacobian = np.zeros((len(cam), 2, len(LENS_PARAMETERS)))
         else:
-            jacobian = lenses.lens_jacobian(self._seen.camera, cam) / self._sigma_px
-        prior = np.tile(self._lens_prior, (count, 1))
+            jacobian = lenses.lens_jacobian(self._seen.camera, cam) / self._sigma_px[..., None]
+        prior = np.tile(np.diag(self._lens_prior), (count, 1, 1))
         return ResidualBlock(jacobian, self._seen.camera, count, prior, state.lens_delta)
 
 
 def _pose_jacobian(d_point: Array, turned: Array) -> Array:
     """(N, 2, 6) by a left rotation vector and a shift, given (N, 2, 3) by the point and the rotated point (N, 3)."""
     return np.concatenate([-d_point @ hat(turned), d_point], axis=2)
+
+
+def _motion_from(calibrated: Poses, state: PropState) -> Array:
+    """(C, 6) of the cameras from their calibrated poses, in their own axes: rotation vector of a small turn, and shift."""
+    moved = state.cam_from_world @ calibrated.inverse()
+    # the antisymmetric part of a small turn is its rotation vector
+    across = (moved.R - np.swapaxes(moved.R, 1, 2)) / 2
+    return np.concatenate([across[:, (2, 0, 1), (1, 2, 0)], moved.t], axis=1)

@@ -7,17 +7,17 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from posefuse.calibration.bundle import Linearised, Problem, ResidualBlock, solve_bundle
+from posefuse.calibration.clocks.paths import apart
 from posefuse.calibration.clocks.person_tracks import MIN_SCORE, limb_keypoints
-from posefuse.calibration.geometry import Lenses, Poses, angle_between, hat, poses_of
+from posefuse.calibration.geometry import angle_between, poses_of
 from posefuse.calibration.settings import RefineSettings
 from posefuse.core import InputError, Rig, ViewSequence
 from posefuse.core.arrays import SIGMA_PER_MAD, Array
 
-from .snapshots import evenly
+from .prop_solve import KEYPOINTS, POINT, Freedom, PropState, residuals_px, solve_once
+from .snapshots import Snapshots, evenly
 from .world import triangulate_linear
 
-_CAUCHY = 2.0
 # errors of a network last longer than this only where the person stands still
 _EVERY_S = 0.3
 _MOST_STEPS = 300
@@ -42,24 +42,6 @@ class RefinedRig:
     after_px: float
 
 
-@dataclass(frozen=True, eq=False)
-class _Rows:
-    """Seen points: camera, point (N,), xy_img (N, 2), standard deviation (N,) px."""
-
-    camera: Array
-    point: Array
-    xy_img: Array
-    sigma_px: Array
-
-
-@dataclass(frozen=True, eq=False)
-class _State:
-    """cam_from_world (C,), xyz (P, 3)."""
-
-    cam_from_world: Poses
-    xyz: Array
-
-
 def refined_extrinsics(rig: Rig, views: ViewSequence, chosen: RefineSettings | None = None) -> RefinedRig:
     """The cameras' poses that fit what they saw of people best, each pulled towards its calibration.
 
@@ -77,20 +59,22 @@ def refined_extrinsics(rig: Rig, views: ViewSequence, chosen: RefineSettings | N
     chosen = chosen or RefineSettings()
     if views.camera_names != rig.names:
         raise InputError(f"refined_extrinsics: expected views of cameras {rig.names}, got {views.camera_names}")
-    steps = _apart(views.t_ns)
+    steps = evenly(apart(views.t_ns, round(_EVERY_S * 1e9)), _MOST_STEPS)
     limbs = limb_keypoints(views.skeleton.keypoints)
-    rows, xyz, seen = _rows(rig, views, steps, limbs)
+    rows, xyz, there = _rows(rig, views, steps, limbs)
     if not len(xyz):
         raise InputError("refined_extrinsics: no keypoint was seen by two cameras")
-    prior = poses_of(rig)
-    start = _State(prior, xyz)
-    before = _residual_px(rig, rows, start)
-    noise = max(_spread(before / rows.sigma_px[:, None]), _LEAST_SIGMA_PX / float(np.median(rows.sigma_px)))
-    whole = np.full((*seen.shape, 3), np.nan)
-    whole[seen] = xyz
+    calibrated, count = poses_of(rig), len(rig)
+    start = PropState.of_points(calibrated, xyz)
+    before = residuals_px(rows, POINT, rig.cameras, start)
+    noise = max(_spread(before / rows.noise[:, None]), _LEAST_SIGMA_PX / float(np.median(rows.noise)))
+    whole = np.full((*there.shape, 3), np.nan)
+    whole[there] = xyz
     same = chosen.together * _repeated(whole, [views.skeleton.keypoints[k] for k in limbs], chosen)
-    problem = _RefineProblem(rig, replace(rows, sigma_px=rows.sigma_px * noise), prior, chosen, same)
-    solution = solve_bundle(problem, start)
+    # as the loss judges outliers by their noise, the prior is made stronger instead of the noise wider
+    sigma = np.repeat([chosen.turn_sigma_rad, chosen.move_sigma_m], 3) / np.sqrt(same)
+    freedom = Freedom(reference=None, held_patches=None, moving=tuple(range(count)), calibrated=calibrated, pose_sigma=sigma)
+    solution = solve_once(rows, POINT, rig.cameras, start, freedom, sigma_px=noise, cauchy=KEYPOINTS.cauchy[1])
     found = solution.state.cam_from_world
     poses = found.se3()
     refined = replace(
@@ -99,13 +83,13 @@ def refined_extrinsics(rig: Rig, views: ViewSequence, chosen: RefineSettings | N
     return RefinedRig(
         rig=refined,
         moved_m=np.linalg.norm(refined.centres_world() - rig.centres_world(), axis=-1),
-        turned_rad=angle_between(prior.R, found.R),
+        turned_rad=angle_between(calibrated.R, found.R),
         before_px=_spread(before),
-        after_px=_spread(_residual_px(rig, rows, solution.state)),
+        after_px=_spread(residuals_px(rows, POINT, rig.cameras, solution.state)),
     )
 
 
-def _rows(rig: Rig, views: ViewSequence, steps: Array, limbs: Array) -> tuple[_Rows, Array, Array]:
+def _rows(rig: Rig, views: ViewSequence, steps: Array, limbs: Array) -> tuple[Snapshots, Array, Array]:
     """Rows of limb joints that two cameras saw in front of them, where these are (P, 3), and which of (T, N, L) they are."""
     xy = np.moveaxis(views.xy_img[steps][..., limbs, :], 2, 0).reshape(len(rig), -1, 2)
     score, sigma = (np.moveaxis(a[steps][..., limbs], 2, 0).reshape(len(rig), -1) for a in (views.score, views.sigma_px))
@@ -119,7 +103,11 @@ def _rows(rig: Rig, views: ViewSequence, steps: Array, limbs: Array) -> tuple[_R
     seen = np.zeros(xyz.shape[0], bool)
     seen[points] = True
     shape = (len(steps), len(views.person_id), len(limbs))
-    return _Rows(camera, point, xy[camera, of], sigma[camera, of]), xyz[points], seen.reshape(shape)
+    rows = Snapshots.of_points(
+        np.zeros(len(points)), camera=camera, time_step=point, xy_img=xy[camera, of], velocity_px_s=np.zeros((len(of), 2)),
+        noise=sigma[camera, of],
+    )  # fmt: skip
+    return rows, xyz[points], seen.reshape(shape)
 
 
 def _repeated(xyz: Array, names: list[str], chosen: RefineSettings) -> float:
@@ -141,69 +129,5 @@ def _repeated(xyz: Array, names: list[str], chosen: RefineSettings) -> float:
     return len(each) / float((1 / each).sum())
 
 
-def _apart(t_ns: Array) -> Array:
-    """Indices of time steps far enough apart, not too many, spread over all of time."""
-    every_ns, last, chosen = round(_EVERY_S * 1e9), None, []
-    for i, t in enumerate(t_ns.tolist()):
-        if last is None or t - last >= every_ns:
-            chosen.append(i)
-            last = t
-    return evenly(np.array(chosen), _MOST_STEPS)
-
-
-def _residual_px(rig: Rig, rows: _Rows, state: _State) -> Array:
-    cam = state.cam_from_world[rows.camera].move(state.xyz[rows.point])
-    return np.asarray(Lenses(rig.cameras).px(rows.camera, cam) - rows.xy_img)
-
-
 def _spread(residual: Array) -> float:
     return float(SIGMA_PER_MAD * np.nanmedian(np.abs(residual)))
-
-
-class _RefineProblem(Problem[_State]):
-    """Unknowns of a camera: its turn about its own axes and the shift of its centre along them.
-
-    `same` rows count as one: as the loss judges outliers by their noise, the prior is made stronger instead of the noise wider.
-    """
-
-    cauchy = _CAUCHY
-
-    def __init__(self, rig: Rig, rows: _Rows, calibrated: Poses, chosen: RefineSettings, same: float) -> None:
-        self._lenses, self._rows, self._calibrated, self._count = Lenses(rig.cameras), rows, calibrated, len(rig)
-        self.free, self.local_count = (np.ones((self._count, 6), bool),), int(rows.point.max()) + 1
-        self.group, self.group_count = np.arange(len(rows.camera)), len(rows.camera)
-        self._scale = rows.sigma_px[:, None]
-        sigma = np.repeat([chosen.turn_sigma_rad, chosen.move_sigma_m], 3)
-        self._inverse_var = np.tile(same / sigma**2, (self._count, 1))
-
-    def _in_cameras(self, state: _State) -> Array:
-        return state.cam_from_world[self._rows.camera].move(state.xyz[self._rows.point])
-
-    def residual(self, state: _State) -> Array:
-        seen_px = self._lenses.px(self._rows.camera, self._in_cameras(state))
-        return np.asarray((seen_px - self._rows.xy_img) / self._scale)
-
-    def _offset(self, state: _State) -> Array:
-        """(C, 6) from the calibrated pose: rotation vector and shift of the centre, in the camera's axes."""
-        now, before = state.cam_from_world, self._calibrated
-        turn = now.R @ np.swapaxes(before.R, -1, -2)
-        # small turns: the antisymmetric part is the rotation vector
-        vector = np.stack([turn[:, 2, 1] - turn[:, 1, 2], turn[:, 0, 2] - turn[:, 2, 0], turn[:, 1, 0] - turn[:, 0, 1]], -1) / 2
-        shift = np.einsum("cij,cj->ci", now.R, now.inverse().t - before.inverse().t)
-        return np.concatenate([vector, shift], axis=-1)
-
-    def linearise(self, state: _State) -> Linearised:
-        camera, cam = self._rows.camera, self._in_cameras(state)
-        d_cam = self._lenses.px_jacobian(camera, cam) / self._scale[..., None]
-        pose = np.concatenate([-d_cam @ hat(cam), -d_cam], axis=2)
-        block = ResidualBlock(pose, camera, self._count, self._inverse_var, self._offset(state))
-        return Linearised((block,), d_cam @ state.cam_from_world.R[camera], self._rows.point)
-
-    def step(self, state: _State, blocks: list[Array], local: Array) -> _State:
-        before = state.cam_from_world
-        centre = before.inverse().t + np.einsum("cji,cj->ci", before.R, blocks[0][:, 3:])
-        R = before.stepped(np.concatenate([blocks[0][:, :3], np.zeros((self._count, 3))], axis=1)).R
-        return _State(Poses(R, -np.einsum("cij,cj->ci", R, centre)), state.xyz + local)
-
-    def prior_cost(self, state: _State) -> float:
-        return float((self._inverse_var * self._offset(state) ** 2).sum())

@@ -28,7 +28,7 @@ class Snapshots:
     Attributes:
         t_s: (T,) session time of the time steps, seconds since the middle of the recording.
         camera, time step, patch, corner: (N,) where a row belongs; `patch` counts in `patches`.
-        xy_img: (N, 2) px. velocity_px_s: (N, 2); 0 where unknown.
+        xy_img: (N, 2) px. velocity_px_s: (N, 2); 0 where unknown. noise: (N,) how much noisier than usual a point is.
         patches: (M,) marker ids.
         group: (N,) rows of one patch in one image share a number. group_count: how many.
     """
@@ -40,6 +40,7 @@ class Snapshots:
     corner: Array
     xy_img: Array
     velocity_px_s: Array
+    noise: Array
     patches: Array
     group: Array
     group_count: int
@@ -52,8 +53,18 @@ class Snapshots:
         """Only the rows of a mask; time steps and patches stay as they are."""
         return _grouped(self.t_s, self.patches, {name: getattr(self, name)[keep] for name in _COLUMNS})
 
+    @classmethod
+    def of_points(cls, t_s: Array, **columns: Array) -> Snapshots:
+        """Rows of points that belong to no target: each is the one corner of a patch that is there at its own time step.
 
-_COLUMNS = ("camera", "time_step", "patch", "corner", "xy_img", "velocity_px_s")
+        Args:
+            t_s: (P,) time of each point. columns: camera, time_step (which point), xy_img, velocity_px_s and noise of the rows.
+        """
+        none = np.zeros(len(columns["camera"]), np.int64)
+        return _grouped(t_s, np.zeros(1, np.int64), {"patch": none, "corner": none, **columns})
+
+
+_COLUMNS = ("camera", "time_step", "patch", "corner", "xy_img", "velocity_px_s", "noise")
 
 
 def _grouped(t_s: Array, patches: Array, columns: Mapping[str, Array]) -> Snapshots:
@@ -89,8 +100,9 @@ def snapshots(observations: CornerObservations, instants_ns: Array, delay_s: Arr
         wanted_s = t_s + delay_s[c, 0] + delay_s[c, 1] * t_s
         found, xy, velocity = _at(row_s[rows], observations.xy_img[rows], wanted_s, gaps_s[c])
         n = len(found)
-        parts.append((np.full(n, c), found, np.full(n, patch[rows[0]]), np.full(n, observations.corner[rows[0]]), xy, velocity))
-    nothing = (*[np.zeros(0, np.int64)] * 4, np.zeros((0, 2)), np.zeros((0, 2)))
+        place = (np.full(n, c), found, np.full(n, patch[rows[0]]), np.full(n, observations.corner[rows[0]]))
+        parts.append((*place, xy, velocity, np.ones(n)))
+    nothing = (*[np.zeros(0, np.int64)] * 4, np.zeros((0, 2)), np.zeros((0, 2)), np.zeros(0))
     columns = (np.concatenate(column) for column in zip(nothing, *parts, strict=True))
     return _grouped(t_s, patches, dict(zip(_COLUMNS, columns, strict=True)))
 

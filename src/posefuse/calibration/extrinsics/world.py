@@ -19,7 +19,7 @@ from posefuse.core.errors import choices
 from posefuse.foundation.settings import read_settings, settings
 
 from .bootstrap import PropShape, planar_views, prop_track, prop_views
-from .prop_solve import Freedom, PropSolution, PropState, solve_prop
+from .prop_solve import Freedom, PropState, SolvedRig, solve_prop
 from .snapshots import Snapshots, snapshots
 
 _MOST_STILL_PX = 3.0
@@ -67,14 +67,14 @@ def locate_static(rig: Rig, observations: CornerObservations, target: Target, pa
     if placed is None:
         raise CalibrationError(f"target {patch}: no camera sees 4 of its corners")
     width = max(max(camera.size_wh) for camera in rig)
-    rms = float(np.sqrt((placed[0].residual_px ** 2).mean()))
+    rms = float(np.sqrt((placed.solution.residual_px**2).mean()))
     limit = _MOST_STATIC_RMS_PX_PER_1000 * width / 1000
     if not rms <= limit:
         raise CalibrationError(
             f"target {patch}: cameras disagree about where it lies, {rms:.1f} px (limit {limit:.1f});"
             " was it moved, is its side right, did a camera move?"
         )
-    return placed[0].state.world_from_prop.se3()[0]
+    return placed.solution.state.world_from_prop.se3()[0]
 
 
 def _one_frame(mine: CornerObservations, patch: int) -> CornerObservations:
@@ -94,16 +94,14 @@ def _one_frame(mine: CornerObservations, patch: int) -> CornerObservations:
     )  # fmt: skip
 
 
-def placed_by_rig(
-    rig: Rig, seen: Snapshots, placing: Snapshots, target: Target, freedom: Freedom
-) -> tuple[PropSolution, Snapshots] | None:
+def placed_by_rig(rig: Rig, seen: Snapshots, placing: Snapshots, target: Target, freedom: Freedom) -> SolvedRig | None:
     """A solve from the cameras and clocks of the rig, for one patch of the target at every time step.
 
     Args:
         placing: those of the corners that show where the patch is.
 
     Returns:
-        The solution and the corners at the time steps at which the patch has a place; None where no camera sees enough of it.
+        The solution, of the time steps at which the patch has a place; None where no camera sees enough of it.
     """
     lenses, shape, corners = (
         Lenses(tuple(rig)),
@@ -117,7 +115,8 @@ def placed_by_rig(
         return None
     seen = seen.rows(known[seen.time_step])
     start = PropState.starting(poses_of(rig), track, Poses.identity(1), np.zeros((len(rig), 2)))
-    return solve_prop(seen, corners, tuple(rig), start, freedom), seen
+    solution = solve_prop(seen, corners, tuple(rig), start, freedom)
+    return SolvedRig(cameras=tuple(rig), seen=seen, corners=corners, solution=solution, freedom=freedom)
 
 
 _LEAST_TRIANGLE_RAD = np.deg2rad(5)

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import cv2
 import numpy as np
 
-from posefuse.calibration.bundle import PointFreedom, PointSolution, PointState, PointViews, solve_points
+from posefuse.calibration.extrinsics.prop_solve import KEYPOINTS, POINT, Freedom, PropState, SolvedRig, focal_sigma, solve_prop
+from posefuse.calibration.extrinsics.snapshots import Snapshots
 from posefuse.calibration.extrinsics.world import triangulate_linear
 from posefuse.calibration.geometry import Poses, stacked
 from posefuse.core import CalibrationError, Camera, Rig
@@ -98,43 +99,21 @@ def _resected(xyz: Array, norm: Array, focal_px: float) -> tuple[int, Poses] | N
 
 
 MOST_POINTS = 4000
-# stretches of the recording whose errors count as independent
-_TIME_BLOCKS = 12
-_INLIER_SIGMA = 4.0
+# what is known of focal lengths before they are let free, as a share
+_FREE_FOCAL = 0.5
 # speeds are read over so long before and after
 _SPEED_S = 0.1
 
 
-@dataclass(frozen=True, eq=False)
-class PersonSolution:
-    """The solution of any scale, its cameras and rows, and what was free."""
-
-    cameras: tuple[Camera, ...]
-    solution: PointSolution
-    rows: PointViews
-    freedom: PointFreedom
-
-    @property
-    def inlier(self) -> Array:
-        """(N,) whether a row lies within 4 robust standard deviations, as noisy as it is itself."""
-        size = np.abs(self.solution.residual_px).max(axis=1) / self.rows.relative_sigma
-        return np.asarray(size <= _INLIER_SIGMA * self.solution.sigma_px)
-
-    @property
-    def agreeing(self) -> Array:
-        """(C,) share of each camera's keypoints that agree."""
-        good, camera = self.inlier, self.rows.camera
-        return np.array([good[camera == c].mean() if (camera == c).any() else 0.0 for c in range(len(self.cameras))])
-
-    def freed(self, *, focal: bool = False, drift: bool = False) -> PersonSolution:
-        """Solved once more from here, with every camera's clock free, and on request its focal length and its clock's rate."""
-        freedom = replace(self.freedom, clocks=True, focal=focal, drift=drift)
-        return replace(self, solution=solve_points(self.rows, self.cameras, self.solution.state, freedom))
+def let_free(solved: SolvedRig, *, focal: bool = False, drift: bool = False) -> SolvedRig:
+    """Solved once more from here, with every camera's clock free, and on request its focal length and its clock's rate."""
+    lens_sigma = focal_sigma(solved.cameras, _FREE_FOCAL) if focal else None
+    return solved.again(offset=True, drift=drift, lens_sigma=lens_sigma)
 
 
 def solve_person_bundle(
-    views: PersonViews, cameras: tuple[Camera, ...], most_points: int = MOST_POINTS, near: PersonSolution | None = None
-) -> PersonSolution:
+    views: PersonViews, cameras: tuple[Camera, ...], most_points: int = MOST_POINTS, near: SolvedRig | None = None
+) -> SolvedRig:
     """Poses of the cameras and places of the keypoints, from nothing or from a solution that is `near`."""
     usable = views.usable
     usable &= usable.sum(axis=0) >= 2
@@ -142,7 +121,8 @@ def solve_person_bundle(
     usable &= np.isfinite(norm).all(axis=-1)
     if near is None:
         poses, (a, b) = first_poses(views.cameras, norm, usable, cameras)
-        freedom = PointFreedom(a, (b, int(np.argmax(np.abs(poses.t[b] - poses.t[a])))))
+        scale = b, int(np.argmax(np.abs(poses.t[b] - poses.t[a])))
+        freedom = Freedom(reference=a, held_patches=None, scale=scale)
     else:
         poses, freedom = near.solution.state.cam_from_world, near.freedom
     point_of = np.flatnonzero(usable.any(axis=0).ravel())
@@ -151,9 +131,9 @@ def solve_person_bundle(
         point_of = np.sort(np.random.default_rng(0).choice(point_of, most_points, replace=False))
     good, xyz = _start_points(views, cameras, usable, poses, point_of)
     point_of = point_of[good]
-    rows = _rows(views, usable, point_of)
-    start = PointState(poses, xyz, np.zeros((len(cameras), 3)))
-    return PersonSolution(cameras, solve_points(rows, cameras, start, freedom), rows, freedom)
+    rows, start = _rows(views, usable, point_of), PropState.of_points(poses, xyz)
+    solution = solve_prop(rows, POINT, cameras, start, freedom, KEYPOINTS)
+    return SolvedRig(cameras=cameras, seen=rows, corners=POINT, solution=solution, freedom=freedom, loss=KEYPOINTS)
 
 
 def _start_points(
@@ -168,7 +148,7 @@ def _start_points(
     return good, xyz[good]
 
 
-def _rows(views: PersonViews, usable: Array, point_of: Array) -> PointViews:
+def _rows(views: PersonViews, usable: Array, point_of: Array) -> Snapshots:
     """Rows of the chosen points; `point_of` counts in the flattened (T, K)."""
     camera, point = np.nonzero(usable.reshape(len(usable), -1)[:, point_of])
     xy = views.xy_img.reshape(len(usable), -1, 2)[:, point_of][camera, point]
@@ -176,15 +156,13 @@ def _rows(views: PersonViews, usable: Array, point_of: Array) -> PointViews:
     velocity = _velocity_px_s(views).reshape(len(usable), -1, 2)[:, point_of][camera, point]
     step = point_of // views.xy_img.shape[2]
     since_s = (views.t_ns - views.t_ns[[0, -1]].mean()) / 1e9
-    return PointViews(
+    return Snapshots.of_points(
+        since_s[step],
         camera=camera,
-        point=point,
+        time_step=point,
         xy_img=xy,
-        point_count=len(point_of),
-        relative_sigma=sigma / np.median(sigma),
         velocity_px_s=velocity,
-        since_s=since_s[step][point],
-        block=step * _TIME_BLOCKS // len(views.t_ns),
+        noise=sigma / np.median(sigma),
     )
 
 

@@ -7,14 +7,14 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from posefuse.calibration.bundle import FOCAL, LATE, PointState, solve_points
 from posefuse.calibration.clocks.sync import person_seen
-from posefuse.calibration.extrinsics.freedoms import IN_STEP
+from posefuse.calibration.extrinsics.freedoms import check_clocks
+from posefuse.calibration.extrinsics.prop_solve import SolvedRig, focal_change
 from posefuse.calibration.report import Check
 from posefuse.core import CalibrationError, Camera, Skeleton
 from posefuse.core.arrays import Array
 
-from .bundle import PersonSolution, solve_person_bundle
+from .bundle import let_free, solve_person_bundle
 from .views import PersonViews
 
 _MOST_SIGMA_PX_PER_1000 = 12.0
@@ -38,7 +38,7 @@ def check_person_in_views(views: PersonViews) -> Check:
     return person_seen(views.cameras, np.asarray(views.usable.any(axis=2)), 5)
 
 
-def fit_checks(solved: PersonSolution) -> list[Check]:
+def fit_checks(solved: SolvedRig) -> list[Check]:
     """The keypoints fit, and the cameras agree."""
     cameras, sigma_px, share = solved.cameras, solved.solution.sigma_px, solved.agreeing
     limit, worst = _MOST_SIGMA_PX_PER_1000 * max(max(camera.size_wh) for camera in cameras) / 1000, int(np.argmin(share))
@@ -51,7 +51,7 @@ def fit_checks(solved: PersonSolution) -> list[Check]:
     ]  # fmt: skip
 
 
-def solution_fits(solved: PersonSolution) -> bool:
+def solution_fits(solved: SolvedRig) -> bool:
     """Whether the keypoints fit, and all cameras agree."""
     return all(check.passed for check in fit_checks(solved))
 
@@ -76,9 +76,9 @@ def check_mirror(skeleton: Skeleton, xyz: Array) -> Check:
     )  # fmt: skip
 
 
-def check_intrinsics(free: PersonSolution) -> Check:
+def check_intrinsics(free: SolvedRig) -> Check:
     """Focal lengths that are let free stay where they are."""
-    cameras, longer, sigma = free.cameras, free.solution.state.terms[:, FOCAL], free.solution.terms_sigma[:, FOCAL]
+    cameras, (longer, sigma) = free.cameras, focal_change(free)
     limit = np.maximum(_FOCAL_SHARE, _TERM_SIGMA * sigma)
     wrong = np.flatnonzero(np.abs(longer) > limit)
     worst = int(np.argmax(np.abs(longer) / limit))
@@ -90,16 +90,9 @@ def check_intrinsics(free: PersonSolution) -> Check:
                  "lenses")  # fmt: skip
 
 
-def check_synchronised(free: PersonSolution) -> Check:
-    """Clocks that are let free stay where they are."""
-    cameras, late_s, sigma_s = free.cameras, free.solution.state.terms[:, LATE], free.solution.terms_sigma[:, LATE]
-    late_s = late_s - np.median(late_s)
-    ratio = np.abs(late_s) / np.maximum(_LATE_S, _TERM_SIGMA * np.maximum(sigma_s, np.median(sigma_s)))
-    worst = int(np.argmax(ratio))
-    return Check(IN_STEP, bool(ratio[worst] <= 1),
-                 f"the clock of {cameras[worst].name} is {late_s[worst] * 1e3:+.0f} ms late (standard error"
-                 f" {sigma_s[worst] * 1e3:.1f} ms, limit {_LATE_S * 1e3:.0f} ms)",
-                 "the cameras are not synchronised: calibrate with `clocks=offset`", "clocks")  # fmt: skip
+def check_synchronised(free: SolvedRig) -> Check:
+    """Clocks that are let free stay where they are, as well as a person shows it."""
+    return check_clocks(free, least=(_LATE_S, np.inf), sigmas=_TERM_SIGMA)
 
 
 def true_sided(skeleton: Skeleton, xyz: Array) -> float:
@@ -133,7 +126,7 @@ def spread_m(points: Array) -> Array:
 _MOST_LEFT = 0.8
 
 
-def likely_person_causes(views: PersonViews, solved: PersonSolution) -> tuple[Check, ...]:
+def likely_person_causes(views: PersonViews, solved: SolvedRig) -> tuple[Check, ...]:
     """The first explanation that makes all cameras agree, as a failed check; none where there is none.
 
     Tried are one camera's image flipped back, focal lengths and clocks let free, and cameras that move.
@@ -144,7 +137,7 @@ def likely_person_causes(views: PersonViews, solved: PersonSolution) -> tuple[Ch
         if _explains(again, solved):
             words = f"the image of {cameras[worst].name} is mirrored"
             return (Check("cause", False, words, "switch the mirror mode of the camera off"),)
-    free = solved.freed(focal=True)
+    free = let_free(solved, focal=True)
     if _explains(free, solved):
         failed = [check for check in (check_synchronised(free), check_intrinsics(free)) if not check.passed]
         return tuple(replace(check, name="cause") for check in failed[:1])
@@ -152,7 +145,7 @@ def likely_person_causes(views: PersonViews, solved: PersonSolution) -> tuple[Ch
     return () if standing.passed else (replace(standing, name="cause"),)
 
 
-def _explains(solved: PersonSolution, before: PersonSolution) -> bool:
+def _explains(solved: SolvedRig, before: SolvedRig) -> bool:
     less = solved.solution.sigma_px <= max(_MOST_LEFT * before.solution.sigma_px, 1.0)
     return less and solution_fits(solved) and not solution_fits(before)
 
@@ -186,13 +179,13 @@ class _Split:
     """
 
     of: int
-    solved: PersonSolution
+    solved: SolvedRig
     words: str
     ratio: float
     cost: float
 
 
-def check_standing(solved: PersonSolution) -> Check:
+def check_standing(solved: SolvedRig) -> Check:
     """No camera moves during the recording; all that do are named, each with the time."""
     now, worst = solved, 0.0
     words: list[str] = []
@@ -213,35 +206,25 @@ def check_standing(solved: PersonSolution) -> Check:
     )
 
 
-def _split(solved: PersonSolution, c: int) -> _Split:
+def _split(solved: SolvedRig, c: int) -> _Split:
     camera = solved.cameras[c]
-    mine = np.flatnonzero(solved.rows.camera == c)
-    since_s = solved.rows.since_s[mine]
-    order = np.argsort(since_s, kind="stable")
-    stretch = np.empty(len(mine), np.int64)
-    stretch[order] = np.arange(len(mine)) * _STRETCHES // max(len(mine), 1)
-    free = _with_poses(solved, c, mine, stretch)
+    rows = solved.seen
+    mine = np.flatnonzero(rows.camera == c)
+    since_s = rows.t_s[rows.time_step[mine]]
+    stretch = np.zeros(len(rows.camera), np.int64)
+    stretch[mine[np.argsort(since_s, kind="stable")]] = np.arange(len(mine)) * _STRETCHES // max(len(mine), 1)
+    free = solved.with_camera_apart(c, stretch)
     poses = free.solution.state.cam_from_world[np.r_[c, len(solved.cameras) : len(free.cameras)]]
-    seen = free.solution.state.xyz[solved.rows.point[mine[:: max(1, len(mine) // _MOST_COMPARED)]]]
+    seen = free.solution.state.world_from_prop.t[rows.time_step[mine[:: max(1, len(mine) // _MOST_COMPARED)]]]
     xy = np.stack([replace(camera, cam_from_world=poses[i].se3()).project(seen) for i in range(len(poses))])
     focal_px = float(camera.K[0, 0])
     ratio, first, last, step_px = _largest_step(xy, _LEAST_RAD * focal_px)
     edges = np.sort(since_s)[np.arange(1, _STRETCHES) * len(mine) // _STRETCHES] if len(mine) else np.zeros(_STRETCHES - 1)
     at_s = float(edges[first - 1 : last].mean())
-    two = _with_poses(solved, c, mine, (since_s >= at_s).astype(np.int64))
-    words = (f"{camera.name} was moved at about {at_s - solved.rows.since_s.min():.0f} s, its view by"
+    two = solved.with_camera_apart(c, ((rows.camera == c) & (rows.t_s[rows.time_step] >= at_s)).astype(np.int64))
+    words = (f"{camera.name} was moved at about {at_s - rows.t_s.min():.0f} s, its view by"
              f" {np.rad2deg(step_px / focal_px):.1f} deg")  # fmt: skip
     return _Split(c, two, words, ratio, _cost(two, solved.solution.sigma_px))
-
-
-def _with_poses(solved: PersonSolution, c: int, mine: Array, part: Array) -> PersonSolution:
-    """The solve again with another pose of camera c for each part (n,) of its rows `mine` (n,) but the first."""
-    count, camera, state = len(solved.cameras), solved.rows.camera.copy(), solved.solution.state
-    camera[mine] = np.where(part > 0, count + part - 1, c)
-    every = np.r_[:count, np.full(int(part.max(initial=0)), c)]
-    cameras, rows = tuple(solved.cameras[i] for i in every), replace(solved.rows, camera=camera)
-    start = PointState(state.cam_from_world[every], state.xyz, state.terms[every])
-    return PersonSolution(cameras, solve_points(rows, cameras, start, solved.freedom), rows, solved.freedom)
 
 
 def _largest_step(xy: Array, least_px: float) -> tuple[float, int, int, float]:
@@ -269,6 +252,6 @@ def _size(off: Array) -> float:
     return float(np.sqrt((off**2).sum(axis=-1).mean()))
 
 
-def _cost(solved: PersonSolution, sigma_px: float) -> float:
-    square = ((solved.solution.residual_px / solved.rows.relative_sigma[:, None] / sigma_px) ** 2).sum(axis=1)
+def _cost(solved: SolvedRig, sigma_px: float) -> float:
+    square = ((solved.solution.residual_px / solved.seen.noise[:, None] / sigma_px) ** 2).sum(axis=1)
     return float(np.log1p(np.nan_to_num(square, nan=1e6)).mean())

@@ -12,7 +12,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from posefuse.calibration.bundle import DRIFT, LATE
 from posefuse.calibration.clocks.person_tracks import PersonTrack
 from posefuse.calibration.clocks.start import rough_clocks_unplaced
 from posefuse.calibration.clocks.sync import (
@@ -27,6 +26,7 @@ from posefuse.calibration.clocks.sync import (
     middle_s,
     moving_keypoints,
 )
+from posefuse.calibration.extrinsics.prop_solve import SolvedRig
 from posefuse.calibration.extrinsics.self_checks import camera_differences, check_cameras_apart, check_videos_differ
 from posefuse.calibration.extrinsics.target import world_checks
 from posefuse.calibration.extrinsics.world import WorldRule, floor_from_feet, floor_under_body, triangulate_linear
@@ -35,7 +35,7 @@ from posefuse.calibration.report import CalibrationReport, Check, RefusedCalibra
 from posefuse.core import SE3, CalibrationError, Camera, Rig, Skeleton
 from posefuse.core.arrays import Array
 
-from .bundle import PersonSolution, solve_person_bundle
+from .bundle import let_free, solve_person_bundle
 from .checks import (
     SAME_VIDEO_PX,
     STANDING_POINTS,
@@ -99,27 +99,27 @@ def calibrate_from_person(
     done.append(check_walk(hips, distance_m))
     if CalibrationReport(_SUBJECT, tuple(done)).failed:
         CalibrationReport(_SUBJECT, (*likely_person_causes(views, solved), *done)).require()
-    free = solved.freed(focal=True)
+    free = let_free(solved, focal=True)
     done += [check_intrinsics(free), check_synchronised(free)]
     # the others take more solves, which do not help a rig that already fails
     CalibrationReport(_SUBJECT, tuple(done)).require()
     done.append(check_standing(solve_person_bundle(views, cameras, STANDING_POINTS, solved)))
     done.append(_check_halves(views, cameras, distance_m, length))
     rule = _floor(views.skeleton, xyz)
-    residual = solved.solution.residual_px[solved.inlier]
+    residual = solved.solution.residual_px[solved.inlier[solved.seen.group]]
     rms_px = float(np.sqrt((residual**2).sum(axis=1).mean()))
     rig = replace(rig.moved(rule.new_from_old(rig)), world_set_by=rule.words, residual_px=rms_px)
     done += world_checks(rig, rule.has_floor, upside_down)
     report = CalibrationReport(
         _SUBJECT, tuple(done),
-        numbers={"sigma_px": solved.solution.sigma_px, "points": float(solved.rows.point_count), "residual_px": rig.residual_px}
+        numbers={"sigma_px": solved.solution.sigma_px, "points": float(len(solved.seen.t_s)), "residual_px": rig.residual_px}
         | ({} if length.stature_m is None else {"scale_sigma_percent": 100 * STATURE_SIGMA}),
     )  # fmt: skip
     report.require()
     return PersonCalibration(rig, report)
 
 
-def _scaled(views: PersonViews, solved: PersonSolution, length: KnownLength) -> tuple[Rig, Array]:
+def _scaled(views: PersonViews, solved: SolvedRig, length: KnownLength) -> tuple[Rig, Array]:
     """The rig in metres and the person's keypoints (T, K, 3) in it."""
     cameras, pose = solved.cameras, solved.solution.state.cam_from_world.se3()
     rig = Rig(tuple(replace(camera, cam_from_world=pose[i]) for i, camera in enumerate(cameras)))
@@ -227,7 +227,7 @@ def _synchronised(tracks: Sequence[PersonTrack], cameras: tuple[Camera, ...]) ->
     """Whether a rig fits the cameras as their stamps are, and clocks that are let free stay."""
     with suppress(CalibrationError):
         solved = solve_person_bundle(person_views(tracks), cameras, _POINTS)
-        return solution_fits(solved) and check_synchronised(solved.freed(focal=True)).passed
+        return solution_fits(solved) and check_synchronised(let_free(solved, focal=True)).passed
     return False
 
 
@@ -259,7 +259,7 @@ def calibrate_tracks(
     left = replace(both, offset_sigma_s=sigma_s)
     checks = [check_clocks_determined(names, left), _check_clocks_of_halves(names, apart_s)]
     if not with_drift:
-        checks.append(_check_steady(solved.freed(drift=True)))
+        checks.append(_check_steady(let_free(solved, drift=True)))
     report = replace(found.report, checks=(*found.report.checks, *checks))
     report.require()
     return replace(found, report=report), first.then(left)
@@ -286,10 +286,10 @@ def _check_clocks_of_halves(names: Sequence[str], apart_s: Array) -> Check:
     )  # fmt: skip
 
 
-def _check_steady(free: PersonSolution) -> Check:
+def _check_steady(free: SolvedRig) -> Check:
     """Clock rates that are let free stay where they are: against the median, since the held one may be the one that drifts."""
-    drift, sigma = free.solution.state.terms[:, DRIFT], free.solution.terms_sigma[:, DRIFT]
-    half_s = -float(free.rows.since_s.min())
+    drift, sigma = free.solution.state.delay_s[:, 1], free.solution.delay_sigma_s[:, 1]
+    half_s = -float(free.seen.t_s.min())
     apart_s = (drift - np.median(drift)) * half_s
     limit_s = np.maximum(MOST_JUMP_S, LATE_SIGMA * np.maximum(sigma, np.median(sigma)) * half_s)
     c = int(np.argmax(np.abs(apart_s) / limit_s))
@@ -304,13 +304,13 @@ def _check_steady(free: PersonSolution) -> Check:
 
 def _settled(
     tracks: Sequence[PersonTrack], cameras: tuple[Camera, ...], start: ClockEstimate, with_drift: bool
-) -> tuple[ClockEstimate, PersonSolution]:
+) -> tuple[ClockEstimate, SolvedRig]:
     """Poses and clocks in one solve, and the views read again at the clocks found, until these stay; and the last solve."""
     clocks, near = start, None
     for _ in range(_MOST_ROUNDS):
         views = person_views(tracks, clocks)
         solved = solve_person_bundle(views, cameras, _POINTS, near)
-        near = solved.freed(drift=with_drift)
+        near = let_free(solved, drift=with_drift)
         left = _left(near, clocks.middle_s)
         clocks = clocks.then(left)
         if np.abs(left.offset_s).max() < _SETTLED_S:
@@ -318,9 +318,10 @@ def _settled(
     return clocks, solved
 
 
-def _left(free: PersonSolution, middle_s: float) -> ClockEstimate:
+def _left(free: SolvedRig, middle_s: float) -> ClockEstimate:
     """What is left of clocks and their rates, against the first camera."""
-    terms, sigma = free.solution.state.terms, free.solution.terms_sigma
-    apart, sigma = terms - terms[0], np.hypot(sigma, sigma[0])
+    delay_s, sigma = free.solution.state.delay_s, free.solution.delay_sigma_s
+    apart, sigma = delay_s - delay_s[0], np.hypot(sigma, sigma[0])
     sigma[0] = 0
-    return ClockEstimate(apart[:, LATE], apart[:, DRIFT], sigma[:, LATE], sigma[:, DRIFT], middle_s)
+    (offset_s, drift), (offset_sigma_s, drift_sigma) = apart.T, sigma.T
+    return ClockEstimate(offset_s, drift, offset_sigma_s, drift_sigma, middle_s)

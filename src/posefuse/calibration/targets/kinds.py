@@ -200,8 +200,8 @@ def _grid(columns: int, rows: int, step_m: float) -> Array:
     return np.stack([column, rows - 1 - row, np.zeros_like(row)], axis=-1) * step_m
 
 
-# of a view from which intrinsics can be calibrated
-LEAST_CORNERS = 8
+# views from which intrinsics can be calibrated, and corners in each of them
+LEAST_VIEWS, LEAST_CORNERS = 4, 8
 
 
 def check_board(target: Target) -> None:

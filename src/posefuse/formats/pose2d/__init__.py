@@ -18,6 +18,8 @@ from .openpose import read_openpose_folder
 # what reading values of the wrong type or shape may raise, tables and HDF5 files that break off included
 _MALFORMED = (KeyError, TypeError, ValueError, IndexError, AttributeError, OverflowError, OSError, RuntimeError, csv.Error)
 POSE2D_SUFFIXES = (".json", ".csv", ".h5", ".hdf5")
+PREDICTIONS_FOLDER = "predictions"
+"""Where MMPose puts its files in the folder that it is given for them."""
 
 
 # in the order they are tried: AlphaPose's list is like COCO's, with something of its own
@@ -29,7 +31,7 @@ def read_pose2d(path: Path, camera: str, *, skeleton: Skeleton | None = None) ->
     """One camera's 2D poses, of whatever format they are.
 
     Args:
-        path: a file, or a folder with one file per frame.
+        path: a file, a folder with one file per frame, or one that has either in a folder `PREDICTIONS_FOLDER`.
         camera: name in the rig.
         skeleton: keypoint set; None: recognised from the files.
 
@@ -39,6 +41,9 @@ def read_pose2d(path: Path, camera: str, *, skeleton: Skeleton | None = None) ->
     """
     if not path.exists():
         raise InputError(f"{path}: camera {camera}: no such file or folder of 2D poses")
+    if (path / PREDICTIONS_FOLDER).is_dir():
+        path /= PREDICTIONS_FOLDER
+        [path] = files if len(files := [*path.glob("*.json")]) == 1 else [path]
     for format in FORMATS:
         if _fits(format, path):
             try:

@@ -5,8 +5,8 @@ tools ignore carry what they do not know: ``readout_s`` and ``cropped`` (images 
 ``world_set_by`` and ``residual_px`` in ``[metadata]``.
 
 caliscope has tables ``[cameras.N]``, R as a 3x3 matrix. It knows cameras by number (``cam_id``, once ``port``) and names their
-videos ``cam_N``, so the cameras have these names here. Cameras that are set to be ignored, or that it has not placed, are left
-out.
+videos ``cam_N``, so the cameras have these names here. Those that it has not placed are left out. Its earlier versions have
+tables as Anipose has them. Cameras that are set to be ignored are left out of both.
 """
 
 from __future__ import annotations
@@ -36,7 +36,8 @@ def rig_from(path: Path, content: Mapping[str, Any]) -> Rig:
 
 def _rig_of_anipose(path: Path, content: Mapping[str, Any]) -> Rig:
     tables = {key: value for key, value in content.items() if key not in parts.NOT_CAMERAS and isinstance(value, Mapping)}
-    cameras = [_camera(f"{path}: camera {t.get('name', key)}", str(t.get("name", key)), t) for key, t in tables.items()]
+    used = {key: table for key, table in tables.items() if not table.get("ignore", False)}
+    cameras = [_camera(f"{path}: camera {t.get('name', key)}", str(t.get("name", key)), t) for key, t in used.items()]
     about = content.get("metadata", {})
     return parts.rig(path, cameras, about if isinstance(about, Mapping) else {})
 

@@ -117,7 +117,7 @@ def skin_of(skeleton: BvhData) -> Skin:
     return Skin(
         vertices=body.vertices + np.tensordot(shape, body.vertex_shapes, 1),
         faces=body.faces,
-        joint=joint,
+        joint=np.where(kept > 0, joint, 0),
         weight=kept / kept.sum(axis=1, keepdims=True),
         joint_from_mesh=matrices,
     )

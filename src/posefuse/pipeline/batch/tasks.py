@@ -6,10 +6,11 @@ import contextlib
 import hashlib
 import json
 import os
+import re
 import time
 import warnings
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -176,10 +177,15 @@ def run_task(task: Task) -> Outcome:
             if task.report:
                 _write_report(recording, task)
             found = {"figures": plain(recording_figures(recording))}
-        found["warnings"] = tuple(dict.fromkeys(str(one.message) for one in caught))
+        found["warnings"] = tuple(dict.fromkeys(_in_settings(str(one.message)) for one in caught))
     except PosefuseError as error:
-        found = {"reason": str(error)}
+        found = {"reason": _in_settings(str(error))}
     return task.outcome(seconds=time.monotonic() - began, **found)
+
+
+def _in_settings(text: str) -> str:
+    """A message about a trial: what is an argument of `track` there, `` `rig=FILE` ``, a study takes as one of its settings."""
+    return re.sub(rf"`(?=(?:{'|'.join(one.name for one in fields(TrackConfig))})=)", "`settings=", text)
 
 
 def _tracked(task: Task) -> Recording:

@@ -22,6 +22,7 @@ from posefuse.formats.image_folders import write_depth
 from posefuse.formats.npz import write_arrays
 from posefuse.formats.video import VideoWriter
 from posefuse.foundation.requests_to_end import children_ignore_requests, leave_requests_to_parent
+from posefuse.outputs.drawing import jpeg_of
 from posefuse_sim.build import LiveScene
 from posefuse_sim.exact import SeenPoints
 from posefuse_sim.scene import H264Settings
@@ -145,9 +146,8 @@ def _render(run: FrameRun, poses: Array, seen: SeenPoints) -> int:
 
 def _write_image(folder: Path, quality: int, image: Array, t_ns: int) -> None:
     path = folder / image_name(t_ns)
-    _, data = cv2.imencode(".jpg", image[..., ::-1], [cv2.IMWRITE_JPEG_QUALITY, quality])
     try:
-        path.write_bytes(data.tobytes())
+        path.write_bytes(jpeg_of(image, quality))
     except OSError as error:
         raise InputError(f"{path}: cannot be written ({error})") from None
 

@@ -22,7 +22,7 @@ from posefuse.calibration.targets.coverage import coverage_picture
 from posefuse.calibration.targets.kinds import Target
 from posefuse.core import InputError, PosefuseError
 from posefuse.core.arrays import Array
-from posefuse.outputs.drawing import jpeg_of, shrunk_wh
+from posefuse.outputs.drawing import jpeg_of, shrunk
 from posefuse_studio.calibrations import (
     FLOOR_ID,
     LENSES,
@@ -100,7 +100,7 @@ def _verify(folder: Path, videos: Mapping[str, Path], target: Target, progress: 
     return StepResult(passed=found.passed, cameras=list(found.rig.names), reports=[found.report])
 
 
-_WIDTH_PX, _QUALITY = 480, 80
+_WIDTH_PX = 480
 _CORNER_RGB = (255, 40, 200)
 
 
@@ -121,14 +121,14 @@ def refusal_pictures(
             continue
         folder.mkdir(exist_ok=True)
         made[camera] = folder / f"{step}-{camera}.jpg"
-        made[camera].write_bytes(jpeg_of(image, _QUALITY))
+        made[camera].write_bytes(jpeg_of(image))
     return made
 
 
 def _drawn(video: Path, camera: str, target: Target, cells: Array | None) -> Array:
     image, corners = best_view(video, target)
-    size_wh = shrunk_wh((image.shape[1], image.shape[0]), _WIDTH_PX)
-    drawn = np.ascontiguousarray(cv2.resize(image, size_wh, interpolation=cv2.INTER_AREA))
+    drawn = shrunk(image, _WIDTH_PX)
+    size_wh = drawn.shape[1], drawn.shape[0]
     if cells is not None:
         drawn = coverage_picture(cells, size_wh, drawn)
     for x, y in np.round(corners * size_wh[0] / image.shape[1]).astype(int).tolist():

@@ -14,7 +14,6 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
-import cv2
 import numpy as np
 
 from posefuse.api.calibrate import target_of
@@ -22,7 +21,7 @@ from posefuse.api.record import watch
 from posefuse.calibration.targets.coverage import coverage_picture
 from posefuse.core import InputError
 from posefuse.core.arrays import Array
-from posefuse.outputs.drawing import jpeg_of, shrunk_wh
+from posefuse.outputs.drawing import jpeg_of, shrunk
 from posefuse.realtime.watching import CameraFeed, CameraNews, FedFrame
 from posefuse_studio.calibrations import SEEN, SeenTarget, Step, advice_for, enough_for, near_far_of, size_of, without_floor
 from posefuse_studio.scene_messages import image_message, setup_message
@@ -33,7 +32,7 @@ from posefuse_studio.workspace import StudioWorkspace, write_stored
 IMAGES_HZ = 15.0
 # a page that is loaded again, on a machine that is busy
 _UNSEEN_S = 20.0
-_SHOWN_PX, _QUALITY = 480, 70
+_SHOWN_PX = 480
 
 
 def run(arguments: Mapping[str, Any], workspace: StudioWorkspace, progress: Any) -> dict[str, Any]:
@@ -111,12 +110,12 @@ class _Watch:
             self.host.publish(f"image {name}", self._packed(fed, xy))
 
     def _packed(self, fed: FedFrame, xy: Array) -> bytes:
-        size = shrunk_wh(fed.frame.size_wh, _SHOWN_PX)
-        small: Any = cv2.resize(fed.frame.image, size, interpolation=cv2.INTER_AREA)
+        small = shrunk(fed.frame.image, _SHOWN_PX)
+        size = small.shape[1], small.shape[0]
         if self._guided:
             small = coverage_picture(self._feed.guidance.coverage.cells[fed.camera], size, small)
         factor = min(1.0, _SHOWN_PX / max(fed.frame.size_wh))
-        return image_message(fed.t_ns / 1e9, fed.camera, jpeg_of(small, _QUALITY), size, detected_px=(xy * factor)[None])
+        return image_message(fed.t_ns / 1e9, fed.camera, jpeg_of(small), size, detected_px=(xy * factor)[None])
 
     def _status(self) -> SessionStatus:
         covered = self._feed.guidance.coverage
