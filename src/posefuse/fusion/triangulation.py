@@ -14,7 +14,7 @@ from posefuse.core import ConfigError, Kind, Pose3D, PoseSequence, Rig, ShapeErr
 from posefuse.core.arrays import Array
 from posefuse.core.depth import keypoint_depth
 from posefuse.core.errors import choices
-from posefuse.core.lens import slopes
+from posefuse.core.lens import padded, slopes
 from posefuse.core.skeleton import LIMB_ENDS, SIDES, pick_keypoints
 
 from .settings import WEIGHTS, FuseSettings, Weights
@@ -92,6 +92,8 @@ def full_weight(rig: Rig, skeleton: Skeleton, score: Array, xyz_world: Array, se
 
 
 _DEFAULTS = FuseSettings()
+# coefficients of a lens that bends nothing
+_NONE = np.zeros(14)
 # nearer to a camera a point is behind it
 _LEAST_DEPTH_M = 1e-6
 
@@ -255,11 +257,35 @@ def solve_robust(
 
 def whitened(rig: Rig, xy_img: Array, sigma: Array) -> tuple[Array, Array]:
     """Ideal points (G, C, K, 2), and what turns their errors into standard deviations (G, C, K, 2, 2); NaN where unusable."""
-    ideal, by_ideal = np.empty(xy_img.shape), np.empty((*xy_img.shape, 2))
-    for c, camera in enumerate(rig):
-        ideal[:, c] = camera.norm_from_px(np.where(np.isfinite(xy_img[:, c]), xy_img[:, c], np.nan))
-        by_ideal[:, c] = camera.K[:2, :2] @ slopes(ideal[:, c], camera.distortion, camera.model)
-    return ideal, by_ideal / np.where((sigma > 0) & np.isfinite(sigma), sigma, np.nan)[..., None, None]
+    from .kernels.lens import remove_lenses
+
+    focal, inverse, centre, coefficients, others = _lenses(rig)
+    ideal = (np.where(np.isfinite(xy_img), xy_img, np.nan) - centre) @ inverse
+    by_ideal = np.empty((*xy_img.shape, 2))
+    remove_lenses(coefficients, ideal, by_ideal)
+    for c in others:
+        camera = rig.cameras[c]
+        ideal[:, c] = camera.norm_from_px(xy_img[:, c])
+        by_ideal[:, c] = slopes(ideal[:, c], camera.distortion, camera.model)
+    return ideal, focal @ by_ideal / np.where((sigma > 0) & np.isfinite(sigma), sigma, np.nan)[..., None, None]
+
+
+@lru_cache(maxsize=32)
+def _poses(rig: Rig) -> Array:
+    """(C, 3, 4) cam_from_world."""
+    return np.stack([camera.cam_from_world.matrix4()[:3] for camera in rig])
+
+
+@lru_cache(maxsize=32)
+def _lenses(rig: Rig) -> tuple[Array, Array, Array, Array, list[int]]:
+    """Focal part of the intrinsic matrices (C, 1, 2, 2), its inverse transposed (C, 2, 2), principal points (C, 1, 2),
+    coefficients (C, 14) of pinhole lenses, and the cameras whose lenses are of another kind: fisheye, or a tilted sensor.
+    """
+    others = [c for c, camera in enumerate(rig) if camera.model != "pinhole" or len(camera.distortion) == len(_NONE)]
+    coefficients = np.stack([_NONE if c in others else padded(camera.distortion) for c, camera in enumerate(rig)])
+    K = np.stack([camera.K[:2] for camera in rig])
+    inverse = np.swapaxes(np.linalg.inv(K[:, :, :2]), -1, -2)
+    return K[:, None, :, :2], inverse, K[:, None, :, 2], coefficients, others
 
 
 def _shape(views: Array, *axes: int) -> tuple[int, ...]:
@@ -269,7 +295,17 @@ def _shape(views: Array, *axes: int) -> tuple[int, ...]:
 
 def _solved(rig: Rig, xy_img: Array, xyz: Array, cov: Array, used: Array) -> Triangulated:
     """Points with the distance in px from the views (G, C, K) that are used."""
-    off_px = np.stack([camera.project(xyz) for camera in rig], axis=1) - xy_img
+    from .kernels.lens import apply_lenses
+
+    focal, _, centre, coefficients, others = _lenses(rig)
+    pose = _poses(rig)
+    in_cam = xyz[:, None] @ np.swapaxes(pose[..., :3], -1, -2) + pose[:, None, :, 3]
+    xy = in_cam[..., :2] / np.where(in_cam[..., 2:] > 0, in_cam[..., 2:], np.nan)
+    apply_lenses(coefficients, xy)
+    px = (focal @ xy[..., None])[..., 0] + centre
+    for c in others:
+        px[:, c] = rig.cameras[c].project(xyz)
+    off_px = px - xy_img
     n_views = used.sum(axis=1)
     square = np.where(used, (off_px**2).sum(axis=-1), 0.0).sum(axis=1)
     reproj = np.sqrt(square / np.where(n_views > 0, n_views, np.nan))
@@ -286,8 +322,7 @@ def solve_weighted(rig: Rig, xy_img: Array, sigma: Array, weight: Array) -> Tria
 
     ideal, white = whitened(rig, xy_img, sigma)
     used = (weight > 0) & np.isfinite(ideal).all(axis=-1) & np.isfinite(white).all(axis=(-1, -2))
-    pose = np.stack([camera.cam_from_world.matrix4()[:3] for camera in rig])[:, None]
-    focal = np.stack([camera.K[:2, :2] for camera in rig])[:, None]
+    pose, focal = _poses(rig)[:, None], _lenses(rig)[0]
     rows = np.where(used[..., None, None], ideal[..., None] * pose[:, :, 2:] - pose[:, :, :2], 0.0)
     white = np.where(used[..., None, None], white, np.eye(2))
     in_px = focal @ rows
