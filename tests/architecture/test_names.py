@@ -19,7 +19,7 @@ SHARED = {
         "fetch_networks", "fit_noise", "live", "models", "plugins", "record", "simulate", "solve", "teleoperate", "track",
         "verify", "view",
     },
-    "a compiled kernel and the function that calls it": {"agreement", "joint_points", "pair_midpoints", "solve_robust"},
+    "a compiled kernel and the function that calls it": {"agreement", "solve_robust"},
     "one operation in the second pass and live": {"hold_bones"},
     "one product of vectors, compiled and for arrays": {"cross"},
 }  # fmt: skip

@@ -3,8 +3,10 @@ import pytest
 from built import camera
 
 from posefuse.core import SE3, Rig
-from posefuse.fusion.kernels import lens, point
-from posefuse.fusion.kernels.lens import packed_rig
+from posefuse.core.lens import slopes
+from posefuse.fusion.kernels import point
+from posefuse.fusion.kernels.cameras import packed_rig
+from posefuse.fusion.triangulation import whitened
 
 K = np.array([[700.0, 3.0, 320.0], [0, 690.0, 240.0], [0, 0, 1]])
 POSE = SE3.from_rotvec([0.1, -0.2, 0.3], [0.1, 0.2, 3.0])
@@ -16,21 +18,17 @@ POINTS = np.random.default_rng(0).uniform(-0.35, 0.35, (11, 2))
 
 @pytest.mark.parametrize("seen_by", CAMERAS, ids=lambda c: c.name)
 def test_lens_derivatives(seen_by):
-    packed = packed_rig(Rig((seen_by,)))[0]
-    step = 1e-6
-    for x, y in POINTS:
-        numeric = np.empty((2, 2))
-        for column, (dx, dy) in enumerate([(step, 0), (0, step)]):
-            ahead, behind = lens.bend(packed, x + dx, y + dy), lens.bend(packed, x - dx, y - dy)
-            numeric[:, column] = (np.array(ahead[:2]) - behind[:2]) / (2 * step)
-        np.testing.assert_allclose(np.reshape(lens.bend(packed, x, y)[2:], (2, 2)), numeric, rtol=1e-6, atol=1e-5)
+    step, points = 1e-6, np.concatenate([POINTS, np.zeros((1, 2))])
+    ahead, behind = ([seen_by.px_from_norm(points + sign * one) for one in step * np.eye(2)] for sign in (1, -1))
+    numeric = np.stack([(a - b) / (2 * step) for a, b in zip(ahead, behind, strict=True)], axis=-1)
+    found = seen_by.K[:2, :2] @ slopes(points, seen_by.distortion, seen_by.model)
+    np.testing.assert_allclose(found, numeric, rtol=1e-6, atol=1e-5)
 
 
 def looked(rig: Rig, xy: np.ndarray, sigma: float) -> np.ndarray:
-    views, ideal = np.empty((len(rig), 7)), np.empty((len(rig), 6, 1))
-    lens.straighten_group(packed_rig(rig), xy[:, None], ideal, np.empty(1))
+    views, (ideal, white) = np.empty((len(rig), 7)), whitened(rig, xy[None, :, None], np.full((1, len(rig), 1), sigma))
     for c in range(len(rig)):
-        assert point.look(packed_rig(rig), c, ideal, 0, sigma, views, c)
+        assert point.look(ideal[0, c, 0], white[0, c, 0], 1.0, c, views, c)
     return views
 
 

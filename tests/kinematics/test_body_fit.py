@@ -14,7 +14,7 @@ from posefuse.kinematics.body import BodySettings, LengthPrior, bodies_from_pose
 from posefuse.kinematics.body import filter as filter_module
 from posefuse.kinematics.body.filter import BodyFilter, Measurement, guessed_state, of_points
 from posefuse.kinematics.body.model import tree_from_body
-from posefuse.kinematics.body.result import StateReader, length_derivatives, robust_variance_factor
+from posefuse.kinematics.body.result import StateReader, length_derivatives, squared_misses, variance_factor
 from posefuse.kinematics.body.shape import slopes_of
 from posefuse.kinematics.joints import FrameBuffers
 from posefuse.kinematics.settings import JointSettings
@@ -284,14 +284,18 @@ def rays_with_noise(rig, xyz: np.ndarray, noise_px: float, stated_px: float) -> 
 def test_rays_that_are_farther_off_than_stated_widen_the_covariance_and_outliers_hardly(ring_rig) -> None:
     rig, xyz = ring_rig(4), np.random.default_rng(5).uniform([-0.5, -0.4, 0.2], [0.5, 0.4, 1.8], (400, 3))
     gaussian = 1e9
-    assert robust_variance_factor(rays_with_noise(rig, xyz, 2.0, 2.0), gaussian, xyz).mean() == pytest.approx(8 / 5, rel=0.1)
-    assert robust_variance_factor(rays_with_noise(rig, xyz, 6.0, 2.0), gaussian, xyz).mean() == pytest.approx(9 * 8 / 5, rel=0.1)
+
+    def factor(seen: Measurement, robust: float = gaussian) -> np.ndarray:
+        return variance_factor(squared_misses(xyz, seen.projections, seen.xy, seen.inverse_var), robust)
+
+    assert factor(rays_with_noise(rig, xyz, 2.0, 2.0)).mean() == pytest.approx(8 / 5, rel=0.1)
+    assert factor(rays_with_noise(rig, xyz, 6.0, 2.0)).mean() == pytest.approx(9 * 8 / 5, rel=0.1)
     seen = rays_with_noise(rig, xyz, 2.0, 2.0)
     seen.xy[:, 0] += 300
-    assert robust_variance_factor(seen, gaussian, xyz).min() > 1000
-    assert robust_variance_factor(seen, 2.0, xyz).max() < 4.0
+    assert factor(seen).min() > 1000
+    assert factor(seen, 2.0).max() < 4.0
     alone = replace(seen, inverse_var=seen.inverse_var * [1, 0, 0, 0])
-    assert (robust_variance_factor(alone, gaussian, xyz) == 1).all()
+    assert (factor(alone) == 1).all()
 
 
 def random_motion(rng: np.random.Generator, steps: int, rate_hz: float) -> list[dict]:

@@ -46,8 +46,8 @@ def tracked(t_ns: int, xyz: np.ndarray, sigma_m: float = 0.01) -> TrackedPoints:
 def rays(ring_rig, xyz: np.ndarray, checked_ns: int = 1, checked: np.ndarray | None = None) -> LiveRays:
     """Of points as four cameras see them without error."""
     projections = np.stack([np.column_stack([c.cam_from_world.matrix(), c.cam_from_world.xyz]) for c in ring_rig(4)])
-    there = np.einsum("vij,kj->vki", projections[:, :, :3], np.nan_to_num(xyz)) + projections[:, None, :, 3]
-    inverse_var = np.broadcast_to(np.where(np.isfinite(xyz[:, 0]), 1 / 0.003**2, 0.0), there.shape[:2])
+    there = np.einsum("vij,kj->kvi", projections[:, :, :3], np.nan_to_num(xyz)) + projections[:, :, 3]
+    inverse_var = np.repeat(np.where(np.isfinite(xyz[:, :1]), 1 / 0.003**2, 0.0), len(projections), axis=1)
     return LiveRays(
         projections=projections, xy=there[..., :2] / there[..., 2:], inverse_var=inverse_var, checked_ns=checked_ns,
         checked_world=xyz if checked is None else checked,
@@ -169,8 +169,8 @@ def test_a_person_who_jumps_takes_the_correction_along(ring_rig, standing) -> No
 def test_rays_move_as_their_points_do(ring_rig, standing) -> None:
     before, now = rays(ring_rig, standing), standing + [0.1, -0.05, 0.2]
     moved = LiveRays.moved(
-        before.projections, before.xy, before.inverse_var, then=np.broadcast_to(standing, (4, *standing.shape)), now=now,
-        checked_ns=1, checked_world=now,
+        before.projections, np.swapaxes(before.xy, 0, 1), before.inverse_var.T,
+        then=np.broadcast_to(standing, (4, *standing.shape)), now=now, checked_ns=1, checked_world=now,
     )  # fmt: skip
     np.testing.assert_array_equal(moved.inverse_var, before.inverse_var)
     seen = before.inverse_var > 0
@@ -181,12 +181,12 @@ def test_rays_that_disagree_are_as_wrong_as_they_are_apart(ring_rig, standing) -
     """Four rays that miss a point by two standard deviations in each coordinate have chi-squared 32 and 5 degrees of freedom."""
     exact = rays(ring_rig, standing)
     apart = exact.xy.copy()
-    apart[:, WRIST] += 2 * 0.003 * np.array([[1.0], [-1.0], [1.0], [-1.0]])
+    apart[WRIST] += 2 * 0.003 * np.array([[1.0], [-1.0], [1.0], [-1.0]])
     factors = replace(exact, xy=apart).disagreement(standing)
     assert factors[WRIST] == pytest.approx(32 / 5)
     assert (np.delete(factors, WRIST) == 1).all()
     inverse_var = exact.inverse_var.copy()
-    inverse_var[1:, WRIST] = 0
+    inverse_var[WRIST, 1:] = 0
     assert (replace(exact, xy=apart, inverse_var=inverse_var).disagreement(standing) == 1).all(), "one ray alone"
 
 

@@ -28,7 +28,9 @@ class LinearProblem(Problem[Array]):
 
     def linearise(self, state: Array) -> Linearised:
         zero = np.zeros(COUNT, np.int64)
-        block = ResidualBlock(jacobian=self.jacobian, index=zero, count=1, prior=self.prior[None], offset=state[None, :2])
+        block = ResidualBlock(
+            jacobian=self.jacobian, index=zero, count=1, prior=np.diag(self.prior)[None], offset=state[None, :2]
+        )
         return Linearised(blocks=(block,), local_jacobian=self.local_jacobian, local_index=self.local)
 
     def step(self, state: Array, blocks: list[Array], local: Array) -> Array:

@@ -5,12 +5,6 @@ from built import camera
 
 from posefuse.core import SE3, Rig
 from posefuse.fusion import triangulate
-from posefuse.fusion.kernels import lens
-from posefuse.fusion.kernels.lens import packed_rig
-
-K = np.array([[700.0, 0.0, 320.0], [0, 690.0, 240.0], [0, 0, 1]])
-BROWN = [-0.2, 0.05, 0.001, -0.002, 0.01, 0.02, -0.01, 0.005, 0.001, -0.002, 0.003, -0.001, 0.02, -0.03]
-FISH = [-0.03, 0.01, -0.004, 0.001]
 
 
 @pytest.mark.parametrize("weights", ["none", "robust"])
@@ -20,42 +14,6 @@ def test_two_clean_views_agree_with_triangulate_points(ring_rig, weights):
     xy = rig.project(xyz)
     homogeneous = cv2.triangulatePoints(*rig.projections(), xy[0].T.copy(), xy[1].T.copy())
     np.testing.assert_allclose(triangulate(rig, xy, weights=weights).xyz, (homogeneous[:3] / homogeneous[3]).T, atol=1e-7)
-
-
-@pytest.mark.parametrize("count", [0, 4, 5, 8, 12, 14])
-def test_the_compiled_lens_is_opencvs_and_its_inverse_exact(count):
-    packed = packed_rig(Rig((camera(K, BROWN[:count]),)))[0]
-    xy = np.random.default_rng(1).uniform(-0.35, 0.35, (20, 2))
-    expected, _ = cv2.projectPoints(np.column_stack([xy, np.ones(20)]), np.zeros(3), np.zeros(3), K, np.array(BROWN[:count]))
-    for ideal, raw in zip(xy, expected[:, 0], strict=True):
-        np.testing.assert_allclose(lens.bend(packed, *ideal)[:2], raw, atol=1e-9)
-        np.testing.assert_allclose(lens.straighten(packed, *raw)[:2], ideal, atol=1e-12)
-    side_by_side = np.empty((1, 6, 20))
-    lens.straighten_group(packed[None], np.ascontiguousarray(expected[:, 0])[None], side_by_side, np.empty(20))
-    np.testing.assert_allclose(side_by_side[0, :2].T, xy, atol=1e-12)
-
-
-def test_the_compiled_fisheye_is_opencvs_and_its_inverse_exact():
-    packed = packed_rig(Rig((camera(K, FISH, model="fisheye"),)))[0]
-    xy = np.random.default_rng(1).uniform(-2.0, 2.0, (20, 2))
-    expected = cv2.fisheye.distortPoints(xy[None], K, np.array(FISH))[0]
-    for ideal, raw in zip(xy, expected, strict=True):
-        np.testing.assert_allclose(lens.bend(packed, *ideal)[:2], raw, atol=1e-9)
-        np.testing.assert_allclose(lens.straighten(packed, *raw)[:2], ideal, atol=1e-10)
-
-
-@pytest.mark.parametrize("model", ["pinhole", "fisheye"])
-def test_the_compiled_lens_gives_up_where_the_camera_does(model):
-    """Far outside the image there is no inverse: NaN in both, or the same ray."""
-    lens_of = camera(K, [-0.4, 0.0, 0.0, 0.0] if model == "pinhole" else [-0.3, 0.01, 0.0, 0.0], model=model)
-    packed = packed_rig(Rig((lens_of,)))[0]
-    xy = np.random.default_rng(2).uniform(-1500, 2000, (200, 2))
-    expected = lens_of.norm_from_px(xy)
-    ideal = np.empty((1, 6, len(xy)))
-    lens.straighten_group(packed[None], xy[None], ideal, np.empty(len(xy)))
-    found = ideal[0, :2].T
-    np.testing.assert_allclose(found, expected, atol=1e-7)
-    assert 0 < np.isnan(expected[:, 0]).sum() < 200
 
 
 # --- the lens models of cameras against OpenCV's, and their inverse against themselves

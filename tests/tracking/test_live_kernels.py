@@ -11,11 +11,11 @@ from posefuse.core.skeleton import ANATOMICAL23, COCO17
 from posefuse.tracking.online import LiveMotion, LiveSettings, Model, MotionModel
 from posefuse.tracking.online.kernels.body import start_missing
 from posefuse.tracking.online.kernels.own_motion import HORIZON_S, Prediction, Regression, correct
-from posefuse.tracking.online.kernels.pose import rays_of_person
-from posefuse.tracking.online.kernels.rays import depth_row, exchange_person, expected_depth
-from posefuse.tracking.online.kernels.state import NEVER, KeypointRays, born, parts, state_size
-from posefuse.tracking.online.kernels.updates import doubt, update_depth
+from posefuse.tracking.online.kernels.rays import depth_row, exchange_person
+from posefuse.tracking.online.kernels.state import NEVER, KeypointRays, TrackState, unborn
+from posefuse.tracking.online.kernels.updates import doubt, update
 from posefuse.tracking.online.own_motion import OwnMotion
+from posefuse.tracking.online.person import named_rays
 from posefuse.tracking.smooth_kernels import inverse3
 
 
@@ -33,7 +33,7 @@ def test_a_missing_keypoint_starts_at_the_mean_of_its_neighbours_and_moves_with_
     skeleton = Skeleton("chain", ("one", "two", "middle"), bones=(("one", "middle"), ("two", "middle")))
     motion = LiveMotion(keypoints=(MotionModel(3.0, 0.1),), body=(MotionModel(1.0, 0.1),))
     session = Model(ring_rig(2), skeleton, LiveSettings(), motion).arrays
-    person = parts(np.zeros(state_size(session)), session)
+    person = unborn(session)
     person.x[:], person.cov[:] = np.nan, np.nan
     person.x[0, 0], person.x[1, 0] = np.arange(9.0), np.arange(9.0) + [2, 4, 6, 1, 1, 1, 0, 0, 0]
     person.seen[:2], person.seen[2] = 1.0, NEVER
@@ -46,8 +46,9 @@ def test_a_missing_keypoint_starts_at_the_mean_of_its_neighbours_and_moves_with_
 
 def test_exchanged_twice_a_person_is_as_before_and_once_every_part_is_on_the_other_side(ring_rig) -> None:
     session = Model(ring_rig(2), ANATOMICAL23, LiveSettings()).arrays
-    state = np.random.default_rng(1).normal(size=state_size(session))
-    person, before = parts(state, session), parts(state.copy(), session)
+    rng = np.random.default_rng(1)
+    person = TrackState(*(rng.normal(size=plane.shape) for plane in unborn(session)))
+    before = person.copy()
     arms = np.flatnonzero(session.group == 0)
     exchange_person(person, session, 0)
     for name in ("x", "cov", "share", "lively", "seen", "square", "precision", "deepness", "refused"):
@@ -61,7 +62,7 @@ def test_exchanged_twice_a_person_is_as_before_and_once_every_part_is_on_the_oth
 
 
 def test_a_view_that_exchanges_a_limb_is_put_in_order(ring_rig) -> None:
-    """Arms are exchanged by the view, legs are not; one keypoint is missing; rows make no difference to a person at rest."""
+    """Arms are exchanged by the view, legs are not; one keypoint is missing."""
     model, rng = Model(ring_rig(2), ANATOMICAL23, LiveSettings()), np.random.default_rng(0)
     k, camera = len(ANATOMICAL23), model.rig.cameras[1].cam_from_world
     xyz = rng.normal(0, 0.5, (k, 3)) + [0.0, 0.0, 1.0]
@@ -73,13 +74,10 @@ def test_a_view_that_exchanges_a_limb_is_put_in_order(ring_rig) -> None:
     sigma = rng.uniform(0.001, 0.003, k)
     white = np.eye(2) / sigma[order, None, None]
     rays = KeypointRays(camera=1, z=seen, white=white, late_s=rng.uniform(0, 0.01, k), sigma_px=np.ones(k))
-    before, z, inverse_var, then = np.empty(state_size(model.arrays)), np.empty((k, 2)), np.empty(k), np.empty((k, 3))
-    born(before, model.arrays, xyz, np.broadcast_to(np.eye(3) * 1e-4, (k, 3, 3)), 1.0)
-    rays_of_person((before, before), 0.0, 0.005, rays, model.arrays, z, inverse_var, then)
+    z, inverse_var = named_rays(rays, xyz, model)
     known = np.arange(k) != hidden
     np.testing.assert_allclose(z[known], ideal[known])
     np.testing.assert_allclose(inverse_var[known], sigma[known] ** -2.0)
-    np.testing.assert_allclose(then, xyz, atol=1e-12)
     assert np.isnan(z[hidden]).all() and inverse_var[hidden] == 0
 
 
@@ -181,17 +179,17 @@ def test_an_update_by_depth_is_that_of_a_kalman_filter(ring_rig):
     rng = np.random.default_rng(2)
     root = rng.normal(size=(9, 9))
     cov, common = (root @ root.T)[None], np.eye(3) * 0.3
-    x, row, away = rng.normal(size=(1, 9)), np.array([1.0, -2.0, 0.5]), np.array([0.7])
+    x, row = rng.normal(size=(1, 9)), np.array([1.0, -2.0, 0.5])
+    rows, away = np.array([row, np.zeros(3)]), np.array([[0.7, 0.0]])
     long_row = np.concatenate([row, np.zeros(6)])
     s = row @ (cov[0, :3, :3] + common) @ row + 1
-    assert expected_depth(row, cov[0, :3, :3] + common) == pytest.approx(s)
     gain = cov[0] @ long_row / s
     wanted_x, wanted_cov = x[0] + gain * 0.7, cov[0] - np.outer(gain, gain) * s
-    assert update_depth(x, cov, np.ones(1), row, away, common, rules)
+    assert update(x, cov, np.ones(1), rows, away, common, 1.0, rules) == pytest.approx(0.7**2 / s)
     np.testing.assert_allclose(x[0], wanted_x)
     np.testing.assert_allclose(cov[0], wanted_cov, atol=1e-12)
     # far beyond the gate nothing changes
-    assert not update_depth(x, cov, np.ones(1), row, np.array([1e4]), common, rules)
+    assert update(x, cov, np.ones(1), rows, np.array([[1e4, 0.0]]), common, 1.0, rules) > rules.gate_chi2
     np.testing.assert_allclose(x[0], wanted_x)
 
 
@@ -259,7 +257,7 @@ def test_a_movement_that_ends_is_soon_not_expected_any_more(world, standing):
 def test_without_hips_nothing_is_corrected(world):
     session = Model(world().rig, HANDS, LiveSettings()).arrays
     own = OwnMotion(HANDS, session)
-    state = np.zeros(state_size(session))
+    state = unborn(session)
     own.settle(state, 0)
     assert own.waits_until_ns() is None
     xyz = np.ones((len(HANDS), 3))

@@ -17,6 +17,10 @@ from .settings import AssociateSettings
 
 # factor on the support of a detection with left and right swapped
 _TURNED_SHARE = 0.7
+# squared sine of the angle between two rays that meet nowhere
+_PARALLEL = 1e-4
+# of weighing rays by their distances, until a ray that does not belong hardly counts
+_ROUNDS = 4
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -108,27 +112,38 @@ def pair_midpoints(candidates: Candidates, pairs: Array) -> tuple[Array, Array]:
 
     NaN where a keypoint is missing, the rays are parallel, or meet behind a camera.
     """
-    from .kernels import pair_midpoints as kernel
-
-    size = (len(pairs), candidates.score.shape[1])
-    middle, gap = np.empty((*size, 3)), np.empty(size)
-    kernel(candidates.direction, candidates.centre, candidates.score, pairs, middle, gap)
-    return middle, gap
+    (one, two), score = pairs.T, candidates.score
+    a, b = candidates.direction[one], candidates.direction[two]
+    from_a, from_b = candidates.centre[one, None], candidates.centre[two, None]
+    cosine, along_a, along_b = ((x * y).sum(axis=-1) for x, y in ((a, b), (from_b - from_a, a), (from_b - from_a, b)))
+    crossing = (score[one] > 0) & (score[two] > 0) & (1 - cosine**2 > _PARALLEL)
+    sine2 = np.where(crossing, 1 - cosine**2, np.nan)
+    far_a, far_b = (along_a - cosine * along_b) / sine2, (cosine * along_a - along_b) / sine2
+    ahead = ((far_a > 0) & (far_b > 0))[..., None]
+    end_a = np.where(ahead, from_a + far_a[..., None] * a, np.nan)
+    end_b = np.where(ahead, from_b + far_b[..., None] * b, np.nan)
+    return (end_a + end_b) / 2, np.linalg.norm(end_a - end_b, axis=-1)
 
 
 def joint_points(candidates: Candidates, members: Array, tolerance_m: float) -> Array:
     """(K, 3) points nearest to the rays of several detections; NaN where fewer than two see the keypoint.
 
-    Score-weighted least squares on the distances to the rays, re-weighted (Cauchy at the tolerance) so that a member
-    that does not belong cannot pull. Of a single detection with depth its own points, at their depth.
+    Score-weighted least squares on the distances to the rays, re-weighted (Cauchy at a third of the tolerance) so that a
+    member that does not belong cannot pull. Of a single detection with depth its own points, at their depth.
     """
-    from .kernels import joint_points as kernel
-
     if len(members) == 1 and candidates.deep_world is not None:
         return np.asarray(candidates.deep_world[members[0]])
-    xyz = np.empty((candidates.score.shape[1], 3))
-    kernel(candidates.direction, candidates.centre, candidates.score, members, tolerance_m, xyz)
-    return xyz
+    weight, centre, ray = candidates.score[members] ** 2, candidates.centre[members, None], candidates.direction[members]
+    # what of a vector lies across each ray (M, K, 3, 3)
+    across = np.where((weight > 0)[..., None, None], np.eye(3) - ray[..., None] * ray[..., None, :], 0.0)
+    counts = weight[..., None, None]
+    for _ in range(_ROUNDS):
+        # a little stiffer: parallel rays leave one direction open
+        information = (counts * across).sum(axis=0) + 1e-9 * np.eye(3)
+        xyz = np.linalg.solve(information, (counts * (across @ centre[..., None])).sum(axis=0))[..., 0]
+        miss_m = np.linalg.norm((across @ (xyz - centre)[..., None])[..., 0], axis=-1)
+        counts = (weight / (1 + (3 * miss_m / tolerance_m) ** 2))[..., None, None]
+    return np.where((weight > 0).sum(axis=0)[:, None] > 1, xyz, np.nan)
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

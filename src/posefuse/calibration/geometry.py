@@ -105,7 +105,7 @@ def centre_covariance_m2(cam_from_world: Poses, covariance: Array) -> Array:
 
 LENS_PARAMETERS = ("fx", "fy", "cx", "cy", "k1", "k2")
 
-_STEP_NORM = _STEP_K = 1e-6
+_STEP_K = 1e-6
 
 
 class Lenses:
@@ -156,7 +156,7 @@ class Lenses:
         slope = np.empty((len(xy), 2, 2))
         for i in np.unique(camera):
             mine = camera == i
-            slope[mine] = self._slope(i, xy[mine])
+            slope[mine] = self.camera_matrix(i)[:2, :2] @ lens.slopes(xy[mine], self.distortion(i), self._cameras[i].model)
         d_norm = np.zeros((len(xy), 2, 3))
         d_norm[:, 0, 0] = d_norm[:, 1, 1] = 1 / depth
         d_norm[:, :, 2] = -xy / depth[:, None]
@@ -177,17 +177,6 @@ class Lenses:
                 change = lens.distort(xy[mine], k + step, model) - lens.distort(xy[mine], k - step, model)
                 out[mine, :, column] = change @ scale.T / (2 * _STEP_K)
         return out
-
-    def _slope(self, i: int, xy: Array) -> Array:
-        """(n, 2, 2) d px / d norm, the lens by central differences (exact to 1e-9 for every lens model)."""
-        scale, coefficients, model = self.camera_matrix(i)[:2, :2], self.distortion(i), self._cameras[i].model
-        if len(coefficients) == 0:
-            return np.broadcast_to(scale, (len(xy), 2, 2))
-        columns = [
-            (lens.distort(xy + step, coefficients, model) - lens.distort(xy - step, coefficients, model)) / (2 * _STEP_NORM)
-            for step in np.eye(2) * _STEP_NORM
-        ]
-        return np.asarray(scale @ np.stack(columns, axis=-1))
 
 
 def _ahead(xyz_cam: Array) -> Array:

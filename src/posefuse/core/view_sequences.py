@@ -56,7 +56,7 @@ class ViewSequence:
             **taken(self, _PLANES, i),
         )
 
-    def part(self, steps: slice) -> ViewSequence:
+    def part(self, steps: slice | Array) -> ViewSequence:
         """These time steps only."""
         return replace(self, **taken(self, ("t_ns", *_PLANES), steps))
 

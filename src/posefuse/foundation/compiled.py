@@ -2,7 +2,7 @@
 
 Numba looks only at the file of a function to see whether its compiled form is still good, so a kernel whose callee in another
 file has changed would go stale unseen. Here the folder is named by the text of all kernel files of a room, whose kernels call no
-other room's: a change of any of them starts a new folder for that room.
+other room's, and of what of the core they compile: a change of any of them starts a new folder for that room.
 """
 
 from __future__ import annotations
@@ -24,6 +24,7 @@ from numba import config, njit
 from .platform import default_cache_dir
 
 _PACKAGE = Path(__file__).resolve().parents[1]
+_COMPILED_TOO = _PACKAGE / "core" / "lens.py"
 _KEPT_S = 14 * 86400.0  # the folder of another version goes when it was not used for so long
 _settings: Any = config  # its names come from the environment while numba is imported
 
@@ -77,7 +78,7 @@ def fingerprint(files: Sequence[Path]) -> str:
 @functools.cache
 def _folder(room: str = "") -> Path | None:
     """The folder of a room's kernels as they are now, or of all; None where nothing can be written: every run compiles again."""
-    folder = default_cache_dir() / "kernels" / fingerprint(kernel_files(_PACKAGE / room))
+    folder = default_cache_dir() / "kernels" / fingerprint([*kernel_files(_PACKAGE / room), _COMPILED_TOO])
     try:
         folder.mkdir(parents=True, exist_ok=True)
         os.utime(folder)

@@ -10,10 +10,11 @@ from typing import Any
 
 import numpy as np
 
-from posefuse.core import ConfigError, Kind, Pose3D, Rig, ShapeError, Skeleton, Views
+from posefuse.core import ConfigError, Kind, Pose3D, PoseSequence, Rig, ShapeError, Skeleton, Views, ViewSequence
 from posefuse.core.arrays import Array
 from posefuse.core.depth import keypoint_depth
 from posefuse.core.errors import choices
+from posefuse.core.lens import padded, slopes
 from posefuse.core.skeleton import LIMB_ENDS, SIDES, pick_keypoints
 
 from .settings import WEIGHTS, FuseSettings, Weights
@@ -91,6 +92,10 @@ def full_weight(rig: Rig, skeleton: Skeleton, score: Array, xyz_world: Array, se
 
 
 _DEFAULTS = FuseSettings()
+# coefficients of a lens that bends nothing
+_NONE = np.zeros(14)
+# nearer to a camera a point is behind it
+_LEAST_DEPTH_M = 1e-6
 
 
 @dataclass(frozen=True, eq=False)
@@ -232,41 +237,122 @@ def solved_by(
         if skeleton is None:
             raise ConfigError("triangulate: weights 'all' looks at body segments: give skeleton= (one of core.SKELETONS)")
         # distances and segment axes from the previous points, else from a first pass by score
-        about = solve_weighted(rig, xy_img, score, sigma, weight).xyz
+        about = solve_weighted(rig, xy_img, sigma, weight).xyz
         about = about if previous_world is None else np.where(np.isnan(previous_world), about, previous_world)
         weight = full_weight(rig, skeleton, score, about, settings)
-    return solve_weighted(rig, xy_img, score, sigma, weight)
+    return solve_weighted(rig, xy_img, sigma, weight)
 
 
 def solve_robust(
     rig: Rig, xy_img: Array, score: Array, sigma: Array, settings: FuseSettings, *, depth: Array | None
 ) -> Triangulated:
     """Robust fusion of groups (G, C, K, ...). Points that have a rival are missing: nothing decides which of the two is right."""
-    from .kernels import lens, robust
+    from .kernels import cameras, robust
 
-    points = _empty(sigma.shape)
-    usable = np.where((score >= settings.score_min) & (score > 0), sigma, np.nan)
-    robust.solve_robust(lens.packed_rig(rig), xy_img, usable, points.xyz, points.cov, points.reproj, points.n_views, depth)
-    return points
-
-
-def solve_weighted(rig: Rig, xy_img: Array, score: Array, sigma: Array, weight: Array) -> Triangulated:
-    """Groups (G, C, K, ...) to points by the paper's weighted least squares with given weights (G, C, K)."""
-    from .kernels import lens, linear
-
-    solved = _empty(sigma.shape)
-    linear.solve_linear(lens.packed_rig(rig), xy_img, sigma, weight, solved.xyz, solved.cov, solved.reproj, solved.n_views)
-    return solved
+    ideal, white = whitened(rig, xy_img, np.where((score >= settings.score_min) & (score > 0), sigma, np.nan))
+    xyz, cov, used = np.empty(_shape(ideal, 3)), np.empty(_shape(ideal, 3, 3)), np.empty(sigma.shape, np.bool_)
+    robust.solve_robust(cameras.packed_rig(rig), ideal, white, xyz, cov, used, depth)
+    return _solved(rig, xy_img, xyz, cov, used)
 
 
-def _empty(shape: tuple[int, ...]) -> Triangulated:
-    groups, _, keypoints = shape
-    return Triangulated(
-        np.empty((groups, keypoints, 3)),
-        np.empty((groups, keypoints, 3, 3)),
-        np.empty((groups, keypoints)),
-        np.zeros((groups, keypoints), np.uint8),
-    )
+def whitened(rig: Rig, xy_img: Array, sigma: Array) -> tuple[Array, Array]:
+    """Ideal points (G, C, K, 2), and what turns their errors into standard deviations (G, C, K, 2, 2); NaN where unusable."""
+    from .kernels.lens import remove_lenses
+
+    focal, inverse, centre, coefficients, others = _lenses(rig)
+    ideal = (np.where(np.isfinite(xy_img), xy_img, np.nan) - centre) @ inverse
+    by_ideal = np.empty((*xy_img.shape, 2))
+    remove_lenses(coefficients, ideal, by_ideal)
+    for c in others:
+        camera = rig.cameras[c]
+        ideal[:, c] = camera.norm_from_px(xy_img[:, c])
+        by_ideal[:, c] = slopes(ideal[:, c], camera.distortion, camera.model)
+    return ideal, focal @ by_ideal / np.where((sigma > 0) & np.isfinite(sigma), sigma, np.nan)[..., None, None]
+
+
+@lru_cache(maxsize=32)
+def _poses(rig: Rig) -> Array:
+    """(C, 3, 4) cam_from_world."""
+    return np.stack([camera.cam_from_world.matrix4()[:3] for camera in rig])
+
+
+@lru_cache(maxsize=32)
+def _lenses(rig: Rig) -> tuple[Array, Array, Array, Array, list[int]]:
+    """Focal part of the intrinsic matrices (C, 1, 2, 2), its inverse transposed (C, 2, 2), principal points (C, 1, 2),
+    coefficients (C, 14) of pinhole lenses, and the cameras whose lenses are of another kind: fisheye, or a tilted sensor.
+    """
+    others = [c for c, camera in enumerate(rig) if camera.model != "pinhole" or len(camera.distortion) == len(_NONE)]
+    coefficients = np.stack([_NONE if c in others else padded(camera.distortion) for c, camera in enumerate(rig)])
+    K = np.stack([camera.K[:2] for camera in rig])
+    inverse = np.swapaxes(np.linalg.inv(K[:, :, :2]), -1, -2)
+    return K[:, None, :, :2], inverse, K[:, None, :, 2], coefficients, others
+
+
+def _shape(views: Array, *axes: int) -> tuple[int, ...]:
+    """(G, K, ...) of views (G, C, K, ...)."""
+    return (views.shape[0], views.shape[2], *axes)
+
+
+def _solved(rig: Rig, xy_img: Array, xyz: Array, cov: Array, used: Array) -> Triangulated:
+    """Points with the distance in px from the views (G, C, K) that are used."""
+    from .kernels.lens import apply_lenses
+
+    focal, _, centre, coefficients, others = _lenses(rig)
+    pose = _poses(rig)
+    in_cam = xyz[:, None] @ np.swapaxes(pose[..., :3], -1, -2) + pose[:, None, :, 3]
+    xy = in_cam[..., :2] / np.where(in_cam[..., 2:] > 0, in_cam[..., 2:], np.nan)
+    apply_lenses(coefficients, xy)
+    px = (focal @ xy[..., None])[..., 0] + centre
+    for c in others:
+        px[:, c] = rig.cameras[c].project(xyz)
+    off_px = px - xy_img
+    n_views = used.sum(axis=1)
+    square = np.where(used, (off_px**2).sum(axis=-1), 0.0).sum(axis=1)
+    reproj = np.sqrt(square / np.where(n_views > 0, n_views, np.nan))
+    return Triangulated(xyz, cov, reproj, n_views.astype(np.uint8))
+
+
+def solve_weighted(rig: Rig, xy_img: Array, sigma: Array, weight: Array) -> Triangulated:
+    """Groups (G, C, K, ...) to points by the paper's weighted least squares with given weights (G, C, K).
+
+    Its rows are (u m3 - m1), (v m3 - m2) in undistorted px. The covariance is propagated from the pixel noise. The sum of
+    squared whitened residuals is expected to be 2n - 3 for the best weights, more for others.
+    """
+    from .kernels.robust import inflate
+
+    ideal, white = whitened(rig, xy_img, sigma)
+    used = (weight > 0) & np.isfinite(ideal).all(axis=-1) & np.isfinite(white).all(axis=(-1, -2))
+    pose, focal = _poses(rig)[:, None], _lenses(rig)[0]
+    rows = np.where(used[..., None, None], ideal[..., None] * pose[:, :, 2:] - pose[:, :, :2], 0.0)
+    white = np.where(used[..., None, None], white, np.eye(2))
+    in_px = focal @ rows
+    slope = np.swapaxes(in_px[..., :3], -1, -2)
+    system = (np.where(used, weight, 0.0)[..., None, None] * slope @ in_px).sum(axis=1)
+    known = (used.sum(axis=1) > 1) & _well_posed(system[..., :3])
+    inverse = np.linalg.inv(np.where(known[..., None, None], system[..., :3], np.eye(3)))
+    xyz = -(inverse @ system[..., 3:])[..., 0]
+    depth = (pose[:, :, 2:, :3] @ xyz[:, None, ..., None])[..., 0, 0] + pose[:, :, 2, 3]
+    known &= ((depth > _LEAST_DEPTH_M) | ~used).all(axis=1)
+    depth = np.where(used & known[:, None], depth, 1.0)[..., None, None]
+    # noise of the two rows: that of the pixels, undistorted, by the depth
+    pushed = slope @ (np.where(used, weight, 0.0)[..., None, None] * depth * focal @ np.linalg.inv(white))
+    cov = inverse @ (pushed @ np.swapaxes(pushed, -1, -2)).sum(axis=1) @ inverse
+    best = white @ rows / depth
+    residual = (best[..., :3] @ xyz[:, None, ..., None])[..., 0] + best[..., 3]
+    information = (np.swapaxes(best[..., :3], -1, -2) @ best[..., :3]).sum(axis=1)
+    freedom = 2.0 * used.sum(axis=1) - 6 + np.trace(information @ cov, axis1=-2, axis2=-1)
+    for one, square, free in zip(cov, (residual**2).sum(axis=(1, -1)) * known, freedom * known, strict=True):
+        inflate(one, square, free, 1.0)
+    missing = ~known[..., None]
+    return _solved(rig, xy_img, np.where(missing, np.nan, xyz), np.where(missing[..., None], np.nan, cov), used & known[:, None])
+
+
+def _well_posed(information: Array) -> Array:
+    """(...) whether information (..., 3, 3) defines a point: not where the rays are one ray."""
+    from .kernels.point import RANK
+
+    mean = np.trace(information, axis1=-2, axis2=-1) / 3
+    return np.asarray(np.linalg.det(information) > RANK * mean**3)
 
 
 def fuse(views: Views, rig: Rig, settings: FuseSettings, previous: Pose3D | None = None) -> Pose3D:
@@ -285,34 +371,45 @@ def fuse(views: Views, rig: Rig, settings: FuseSettings, previous: Pose3D | None
     Raises:
         ShapeError: cameras that are not the rig's.
     """
+    planes = _planes_of(views, rig, settings, _matched(views, previous))
+    return Pose3D(t_ns=views.t_ns, skeleton=views.skeleton, person_id=views.person_id, **planes)
+
+
+def fuse_over_time(views: ViewSequence, rig: Rig, settings: FuseSettings) -> PoseSequence:
+    """`fuse` of several time steps together, none of which knows the pose before: several times as fast as one by one."""
+    planes = _planes_of(views, rig, settings)
+    return PoseSequence(t_ns=views.t_ns, skeleton=views.skeleton, person_id=views.person_id, **planes)
+
+
+def _planes_of(
+    views: Views | ViewSequence, rig: Rig, settings: FuseSettings, previous_world: Array | None = None
+) -> dict[str, Array]:
+    """The arrays of the poses in views (..., C, K)."""
     if views.camera_names != rig.names:
         raise ShapeError(f"fuse: views come from cameras {choices(views.camera_names)}, the rig has {choices(rig.names)}")
-    xy = np.array(views.xy_img)
-    score = np.nan_to_num(views.score)
-    sigma = stated_sigma(xy, score, views.sigma_px, settings)
+    xy, score, lead = np.array(views.xy_img), np.nan_to_num(views.score), views.score.shape[:-2]
+    planes = [xy, score, stated_sigma(xy, score, views.sigma_px, settings)]
     depth = _depth(views, rig) if settings.weights == "robust" else None
+    xy, score, sigma, *deep = (plane.reshape(-1, *plane.shape[len(lead) :]) for plane in (*planes, depth) if plane is not None)
     solved = solved_by(
         settings.weights, rig, xy, score, sigma, settings,
-        depth=depth, skeleton=views.skeleton, previous_world=_matched(views, previous),
+        depth=deep[0] if deep else None, skeleton=views.skeleton, previous_world=previous_world,
     )  # fmt: skip
-    kind = np.where(solved.n_views > 0, np.uint8(Kind.FUSED), np.uint8(Kind.MISSING))
-    return Pose3D(
-        t_ns=views.t_ns,
-        skeleton=views.skeleton,
-        person_id=views.person_id,
-        xyz_world=solved.xyz,
-        cov_world=solved.cov,
-        reproj_px=solved.reproj,
-        n_views=solved.n_views,
-        kind=kind,
-    )
+    found = {
+        "xyz_world": solved.xyz,
+        "cov_world": solved.cov,
+        "reproj_px": solved.reproj,
+        "n_views": solved.n_views,
+        "kind": np.where(solved.n_views > 0, np.uint8(Kind.FUSED), np.uint8(Kind.MISSING)),
+    }
+    return {name: plane.reshape(*lead, *plane.shape[1:]) for name, plane in found.items()}
 
 
-def _depth(views: Views, rig: Rig) -> Array | None:
-    """(N, C, K, 2) depth of the keypoints and its standard deviation; None where nothing is known of any."""
+def _depth(views: Views | ViewSequence, rig: Rig) -> Array | None:
+    """(..., C, K, 2) depth of the keypoints and its standard deviation; None where nothing is known of any."""
     if views.depth_m is None or not np.isfinite(views.depth_m).all(axis=-1).any():
         return None
-    norm = np.stack([camera.norm_from_px(views.xy_img[:, c]) for c, camera in enumerate(rig)], axis=1)
+    norm = np.stack([camera.norm_from_px(views.xy_img[..., c, :, :]) for c, camera in enumerate(rig)], axis=-3)
     return np.ascontiguousarray(keypoint_depth(views.depth_m, norm, views.skeleton))
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import replace
 
 import numpy as np
@@ -10,7 +11,7 @@ from posefuse.core import InputError, JointCentres, Kind, Observations, PoseSequ
 from posefuse.core.arrays import Array, give_away, take_back
 from posefuse.core.poses import WrittenPoses, point_sigma_m
 from posefuse.core.view_sequences import PartsOfViews, ViewsInParts, people_in
-from posefuse.fusion import FuseSettings, fuse
+from posefuse.fusion import FuseSettings, fuse, fuse_over_time
 from posefuse.kinematics import facing_votes
 from posefuse.kinematics.body import BodySettings, fit_views
 from posefuse.tracking import (
@@ -31,6 +32,8 @@ _NAMING_ROUNDS = 10
 # a longer recording is solved in blocks of so many time steps (11 min at 30 Hz), with so many more before and after each: what
 # is neither observation nor result does not grow with the length
 _BLOCK_STEPS, _OVERLAP_STEPS = 20_000, 300
+# time steps whose views are fused together: lenses are removed from all of them in hardly more time than from one
+_FUSED_STEPS = 100
 
 
 def long_enough(observations: Observations) -> list[int]:
@@ -102,11 +105,19 @@ def _fused_over_time(views: PartsOfViews, rig: Rig, fusing: FuseSettings) -> Pos
     for part in parts_of_steps(len(views.t_ns)):
         seen = views.part(part)
         written = written or WrittenPoses(views.t_ns, seen.skeleton, seen.person_id)
+        if fusing.weights != "all":
+            for steps in _fused_at_once(np.arange(len(seen.t_ns))):
+                written.write(part.start + steps, fuse_over_time(seen.part(steps), rig, fusing))
+            continue
         for i in range(len(seen.t_ns)):
             last = fuse(seen.at(i), rig, fusing, last)
             written.write(part.start + i, last)
     assert written is not None
     return written.sequence()
+
+
+def _fused_at_once(steps: Array) -> Iterator[Array]:
+    return (steps[first : first + _FUSED_STEPS] for first in range(0, len(steps), _FUSED_STEPS))
 
 
 def _fused_with_sides_corrected(views: PartsOfViews, rig: Rig, fusing: FuseSettings, smoothing: SmoothSettings) -> PoseSequence:
@@ -146,8 +157,8 @@ def _fused_again(
             written = WrittenPoses(fused.t_ns, fused.skeleton, fused.person_id)
             written.write(slice(None), fused)
         named = with_sides_exchanged(seen, wrong)
-        for i in differing.tolist():
-            written.write(part.start + i, fuse(named.at(i), rig, fusing))
+        for steps in _fused_at_once(differing):
+            written.write(part.start + steps, fuse_over_time(named.part(steps), rig, fusing))
     return written.sequence() if written else None
 
 

@@ -1,1 +1,1 @@
-"""The compiled mathematics of fusion. Cameras come as rows of `lens.packed_rig`."""
+"""The compiled mathematics of fusion. Cameras come as rows of `cameras.packed_rig`, views without their lenses."""

@@ -15,24 +15,24 @@ from __future__ import annotations
 
 import math
 
-from .lens import FX, FY, R00, R01, R02, R10, R11, R12, R20, R21, R22, SKEW, TX, TY, TZ, bend, fast_kernel
+from .cameras import R00, R01, R02, R10, R11, R12, R20, R21, R22, TX, TY, TZ, fast_kernel
 
 KNEE = 9.0  # 98.9 % of a 2D Gaussian
 RANK = 1e-10  # smallest over largest eigenvalue of the information below which the rays are one ray
 
 
 @fast_kernel()
-def look(cams, c, ideal, k, sigma, views, n):
-    """Fill row n of `views`: ideal x, y, the whitening matrix (4), camera index. False when the view is unusable."""
-    x, y = ideal[c, 0, k], ideal[c, 1, k]
-    if not (sigma > 0.0 and math.isfinite(sigma) and math.isfinite(x) and math.isfinite(y)):
+def look(ideal, white, scale, c, views, n):
+    """Fill row n of `views`: ideal x, y, the whitening matrix (4), camera index. False when the view is unusable.
+
+    ideal (2,) and white (2, 2) of camera c, NaN where unusable. scale: what the stated sigma is multiplied by.
+    """
+    if not (math.isfinite(ideal[0]) and math.isfinite(ideal[1]) and math.isfinite(white[0, 0])):
         return False
-    certain = 1.0 / sigma
-    fx, skew, fy = cams[c, FX] * certain, cams[c, SKEW] * certain, cams[c, FY] * certain
-    views[n, 0], views[n, 1], views[n, 6] = x, y, c
-    views[n, 2] = fx * ideal[c, 2, k] + skew * ideal[c, 4, k]
-    views[n, 3] = fx * ideal[c, 3, k] + skew * ideal[c, 5, k]
-    views[n, 4], views[n, 5] = fy * ideal[c, 4, k], fy * ideal[c, 5, k]
+    certain = 1.0 / scale
+    views[n, 0], views[n, 1], views[n, 6] = ideal[0], ideal[1], c
+    views[n, 2], views[n, 3] = white[0, 0] * certain, white[0, 1] * certain
+    views[n, 4], views[n, 5] = white[1, 0] * certain, white[1, 1] * certain
     return True
 
 
@@ -192,14 +192,3 @@ def invert(system, cov):
     cov[1, 1], cov[1, 2], cov[2, 2] = (a * f - c * c) / det, (b * c - a * e) / det, (a * d - b * b) / det
     cov[1, 0], cov[2, 0], cov[2, 1] = cov[0, 1], cov[0, 2], cov[1, 2]
     return True
-
-
-@fast_kernel()
-def squared_px(cams, c, u, v, p):
-    """Squared raw-pixel distance between what camera c saw and the reprojection through its lens."""
-    cam = cams[c]
-    iz = 1.0 / (cam[R20] * p[0] + cam[R21] * p[1] + cam[R22] * p[2] + cam[TZ])
-    x = (cam[R00] * p[0] + cam[R01] * p[1] + cam[R02] * p[2] + cam[TX]) * iz
-    y = (cam[R10] * p[0] + cam[R11] * p[1] + cam[R12] * p[2] + cam[TY]) * iz
-    found_u, found_v, _, _, _, _ = bend(cam, x, y)
-    return (found_u - u) ** 2 + (found_v - v) ** 2

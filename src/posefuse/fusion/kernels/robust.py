@@ -11,8 +11,8 @@ import math
 
 import numpy as np
 
-from .lens import fast_kernel, straighten_group
-from .point import invert, look, normal_system, refine, squared_depth, squared_px, squared_residual
+from .cameras import fast_kernel
+from .point import invert, look, normal_system, refine, squared_depth, squared_residual
 from .start import GATE, consensus, depth_point, linear_start
 
 USED = 28.0  # weight (KNEE / s)^2 of 0.1: beyond it a view no longer counts as used
@@ -89,11 +89,11 @@ def agreeing(cams, views, n, p):
 
 
 @fast_kernel()
-def gather_views(cams, ideal, sigma, scale, k, views, depth=None, planes=None):
+def gather_views(ideal, white, scale, k, views, depth=None, planes=None):
     """Usable views of keypoint k, and their depths (C, K, 2), into the first rows of `views`, `planes`; returns how many."""
     n = 0
-    for c in range(len(cams)):
-        if look(cams, c, ideal, k, sigma[c, k] * scale, views, n):
+    for c in range(len(ideal)):
+        if look(ideal[c, k], white[c, k], scale, c, views, n):
             if depth is not None:
                 known = depth[c, k, 0] > 0.0 and 0.0 < depth[c, k, 1] < math.inf
                 planes[n, 0] = depth[c, k, 0] if known else 0.0
@@ -135,18 +135,17 @@ def inflate(cov, chi2, dof, floor):
 
 
 @fast_kernel()
-def finish_robust(cams, views, n, p, xy_img, k, work, cov, planes=None):
-    """Covariance and figures of a robust point: (n_used, rms px, chi2, its degrees of freedom); n_used 0 when it is none.
+def finish_robust(cams, views, n, p, work, cov, planes=None):
+    """Covariance and figures of a robust point: (n_used, chi2, its degrees of freedom); n_used 0 when it is none.
 
-    A single view defines a point only with depth, and only where no other view contradicts it.
+    The views that are used are the first rows then. A single view defines a point only with depth, and only where no other
+    view contradicts it.
     """
-    used, chi2, px2, depths = 0, 0.0, 0.0, 0
+    used, chi2, depths = 0, 0.0, 0
     for i in range(n):
         s = squared_residual(cams, views, i, p)
         if s < USED:
             chi2 += s
-            c = int(views[i, 6])
-            px2 += squared_px(cams, c, xy_img[c, k, 0], xy_img[c, k, 1], p)
             if planes is not None:
                 far = squared_depth(cams, views, i, p, planes)
                 if planes[i, 1] > 0.0 and far < USED:
@@ -157,11 +156,11 @@ def finish_robust(cams, views, n, p, xy_img, k, work, cov, planes=None):
                 views[used, j] = views[i, j]
             used += 1
     if used < 2 and not (n == 1 and depths == 1):
-        return 0, math.nan, 0.0, 0.0
+        return 0, 0.0, 0.0
     normal_system(cams, views, used, p, work[0], planes)
     if not invert(work[0], cov):
-        return 0, math.nan, 0.0, 0.0
-    return used, math.sqrt(px2 / used), chi2, 2.0 * used + depths - 3.0
+        return 0, 0.0, 0.0
+    return used, chi2, 2.0 * used + depths - 3.0
 
 
 @fast_kernel()
@@ -189,29 +188,27 @@ def has_rival(cams, views, n, p, rest, q, other, work):
 
 
 @fast_kernel()
-def solve_robust(cams, xy_img, sigma, xyz, cov, reproj, n_views, depth=None):
-    """Robust fusion of groups: xy_img (G, C, K, 2) raw px, sigma (G, C, K) px (not > 0: unusable).
+def solve_robust(cams, ideal, white, xyz, cov, used, depth=None):
+    """Robust fusion of groups: ideal points (G, C, K, 2) and their whitening (G, C, K, 2, 2), NaN where unusable.
 
-    Filled in: xyz (G, K, 3), cov (G, K, 3, 3), reproj (G, K) px, n_views (G, K). Missing points are NaN with n_views 0, and so
-    are those that have a rival: nothing decides which of the two is right.
+    Filled in: xyz (G, K, 3), cov (G, K, 3, 3), and which views are used (G, C, K). Missing points are NaN, without a view, and
+    so are those that have a rival: nothing decides which of the two is right.
     depth (G, C, K, 2): that of the keypoints and its standard deviation in m, NaN where unknown.
     """
-    groups, count, keypoints = sigma.shape
+    groups, count, keypoints = used.shape
     views, rest, work, q = np.empty((count, 7)), np.empty((count, 7)), np.empty((3, 9)), np.empty(3)
     pool, squares, p, other = np.empty(keypoints), np.empty(count), np.empty(3), np.empty(3)
     chi2, dof, rival = np.empty(keypoints), np.empty(keypoints), np.empty(keypoints, np.bool_)
-    ideal, last = np.empty((count, 6, keypoints)), np.empty(keypoints)
     planes = None if depth is None else np.empty((count, 2))
     for g in range(groups):
         scale, believable, attempt = 1.0, 0.0, 0
         deep = None if depth is None else depth[g]
-        straighten_group(cams, xy_img[g], ideal, last)
         while True:
             many = 0
             chi2[:], dof[:], rival[:] = 0.0, 0.0, False
-            xyz[g], cov[g], reproj[g], n_views[g] = math.nan, math.nan, math.nan, 0
+            xyz[g], cov[g], used[g] = math.nan, math.nan, False
             for k in range(keypoints):
-                n = gather_views(cams, ideal, sigma[g], scale, k, views, deep, planes)
+                n = gather_views(ideal[g], white[g], scale, k, views, deep, planes)
                 least = 2 if planes is None else 1
                 if n < least or robust_point(cams, views, n, p, other, work, planes) == math.inf:
                     continue
@@ -221,12 +218,12 @@ def solve_robust(cams, xy_img, sigma, xyz, cov, reproj, n_views, depth=None):
                     pool[many] = middle_residual(squares, n)
                     many += 1
                 rival[k] = has_rival(cams, views, n, p, rest, q, other, work)
-                used, px, total, free = finish_robust(cams, views, n, p, xy_img[g], k, work, cov[g, k], planes)
-                if used == 0:
-                    cov[g, k] = math.nan
-                    continue
-                xyz[g, k], reproj[g, k], n_views[g, k] = p, px, used
-                chi2[k], dof[k] = total, free
+                n, chi2[k], dof[k] = finish_robust(cams, views, n, p, work, cov[g, k], planes)
+                xyz[g, k] = p
+                if n == 0:
+                    xyz[g, k], cov[g, k] = math.nan, math.nan
+                for i in range(n):
+                    used[g, int(views[i, 6]), k] = True
             attempt += 1
             ratio = np.median(pool[:many]) if many >= MIN_POINTS else 1.0
             better = max(MIN_SCALE, scale * math.sqrt(ratio))
@@ -244,4 +241,4 @@ def solve_robust(cams, xy_img, sigma, xyz, cov, reproj, n_views, depth=None):
         inflate(cov[g], chi2, dof, 1.0 / (scale * scale))
         for k in range(keypoints):
             if rival[k]:
-                xyz[g, k], cov[g, k], reproj[g, k], n_views[g, k] = math.nan, math.nan, math.nan, 0
+                xyz[g, k], cov[g, k], used[g, :, k] = math.nan, math.nan, False

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from .lens import R00, R01, R02, R10, R11, R12, R20, R21, R22, TX, TY, TZ, X, Y, Z, fast_kernel
+from .cameras import R00, R01, R02, R10, R11, R12, R20, R21, R22, TX, TY, TZ, X, Y, Z, fast_kernel
 from .point import loss, solve3, squared_residual
 
 GATE = 13.8  # 99.9 %: all views within it need no consensus search

@@ -177,7 +177,7 @@ class BodyFilter:
 
     def step(self, seen: Measurement) -> FilteredStep | None:
         """The body at this time step; None while it has not been seen well enough to start."""
-        information = _information(seen.cov) if not len(seen.projections) else np.zeros_like(seen.cov)
+        information = information_of(seen.cov) if not len(seen.projections) else np.zeros_like(seen.cov)
         usable = (information[:, 0, 0] > 0) | (seen.inverse_var > 0).any(axis=1)
         if self._last is not None and (seen.t_ns - self._seen_ns) * 1e-9 > _LOST_S:
             self._last = None
@@ -250,7 +250,7 @@ class BodyFilter:
         steps: int,
     ) -> Array:
         measured = fit_kernels.SeenKeypoints(seen.xyz, information, seen.projections, seen.xy, seen.inverse_var)
-        hessian, _ = fit_kernels.gauss_newton(
+        hessian = fit_kernels.gauss_newton(
             self.tree, (q.copy(), rot.copy()), prior, np.sqrt(max(1.0, habit)), measured,
             self.settings.robust_dof, repeats, steps, q, rot,
         )  # fmt: skip
@@ -302,7 +302,7 @@ def _smoothed_state(
     return replace(filtered.state, q=q, rot=rot, velocity=filtered.state.velocity + step[tree.size :], cov=cov)
 
 
-def _information(cov: Array) -> Array:
+def information_of(cov: Array) -> Array:
     """Inverse (A, 3, 3) of covariances; 0 where a point is missing."""
     known = np.asarray(np.isfinite(cov).all(axis=(-1, -2)))
     safe = np.where(known[:, None, None], cov, np.eye(3)) + 1e-12 * np.eye(3)

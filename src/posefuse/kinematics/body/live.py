@@ -17,10 +17,11 @@ from posefuse.core.arrays import Array
 from posefuse.kinematics.joints import FrameBuffers
 from posefuse.kinematics.settings import BodySettings, LiveBodyRules
 
-from . import fit_kernels
+from . import fit_kernels, tree_kernels
 from .contacts import StandingFeet
-from .filter import guessed_state
+from .filter import guessed_state, information_of
 from .model import BodyModel, body_from_frames, tree_from_body
+from .result import squared_misses, variance_factor
 from .shape import LengthPrior, with_expected_lengths
 
 # when there are more, every other one is left out
@@ -142,6 +143,8 @@ _WRONG_SIGMAS = 5.0
 # nearer to a camera than this nothing is projected
 _LEAST_DEPTH_M = 0.05
 _AXES = np.eye(3)
+# of the Student-t distribution that is a Gaussian
+_GAUSSIAN_DOF = 1e12
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -149,7 +152,7 @@ class LiveRays:
     """What cameras (V) saw of one person, moved to the time of the pose, at joint centres.
 
     Attributes:
-        projections: (V, 3, 4) to ideal image points. xy: (V, K, 2) these. inverse_var: (V, K) 1 / variance, 0 where unseen.
+        projections: (V, 3, 4) to ideal image points. xy: (K, V, 2) these. inverse_var: (K, V) 1 / variance, 0 where unseen.
         checked_ns: time of the newest robust fusion of the person; 0: none.
         checked_world: (K, 3) its keypoints, at joint centres, moved to the time of the pose; NaN where unknown.
     """
@@ -165,22 +168,29 @@ class LiveRays:
         projections: Array, z: Array, inverse_var: Array, *, then: Array, now: Array, checked_ns: int, checked_world: Array
     ) -> LiveRays:
         """Rays z (V, K, 2) as they would be now: moved by what lies between their points then (V, K, 3) and now (K, 3)."""
-        xy, known_var = np.empty(z.shape), np.empty(inverse_var.shape)
-        fit_kernels.moved_rays(projections, z, inverse_var, then, now, _LEAST_DEPTH_M, xy, known_var)
+        before, after = (xyz @ np.swapaxes(projections[..., :3], 1, 2) + projections[:, None, :, 3] for xyz in (then, now))
+        good = (before[..., 2] > _LEAST_DEPTH_M) & (after[..., 2] > _LEAST_DEPTH_M) & np.isfinite(z[..., 0])
+        xy = np.where(good[..., None], z + after[..., :2] / after[..., 2:] - before[..., :2] / before[..., 2:], 0.0)
         return LiveRays(
-            projections=projections, xy=xy, inverse_var=known_var, checked_ns=checked_ns, checked_world=checked_world
-        )  # fmt: skip
+            projections=projections,
+            xy=np.ascontiguousarray(np.swapaxes(xy, 0, 1)),
+            inverse_var=np.ascontiguousarray(np.where(good, inverse_var, 0.0).T),
+            checked_ns=checked_ns,
+            checked_world=checked_world,
+        )
 
     def disagreement(self, points: Array) -> Array:
         """(K,) by how much rays that meet near points (K, 3) are farther apart than stated, as a factor of variance from 1 on.
 
         The Birge ratio: chi-squared by its degrees of freedom. One ray agrees with any point.
         """
-        return np.asarray(fit_kernels.variance_factor(points, self.projections, self.xy, self.inverse_var))
+        return variance_factor(squared_misses(points, self.projections, self.xy, self.inverse_var), _GAUSSIAN_DOF)
 
     def loss(self, points: Array, at: Array) -> float:
         """Mean squared distance of keypoints `at` (A, 3) from rays in standard deviations, by coordinate, large ones cut."""
-        return float(fit_kernels.ray_loss(points, at, self.projections, self.xy, self.inverse_var, _WRONG_SIGMAS**2))
+        square = 0.5 * squared_misses(points, self.projections, self.xy[at], self.inverse_var[at])
+        known = square[np.isfinite(square)]
+        return float(np.minimum(known, _WRONG_SIGMAS**2).mean()) if len(known) else 0.0
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -303,13 +313,7 @@ class _Fit:
         at = self._body.keypoint
         xyz = tracked.xyz[at]
         put, information, stands = self._with_standing(tracked, xyz, self._live.tracked_share)
-        xy, inverse_var = np.swapaxes(rays.xy[:, at], 0, 1), rays.inverse_var[:, at].T
-        self._solve(
-            fit_kernels.SeenKeypoints(
-                put, information, rays.projections, np.ascontiguousarray(xy), np.ascontiguousarray(inverse_var)
-            ),
-            iterations,
-        )
+        self._solve(fit_kernels.SeenKeypoints(put, information, rays.projections, rays.xy[at], rays.inverse_var[at]), iterations)
         # what holds a foot at its place is not what rays say
         fresh = np.isfinite(xyz[:, :1]) & ~stands[:, None]
         share = 1.0 if iterations == _FIRST_ITERATIONS else self._live.new_share
@@ -323,7 +327,8 @@ class _Fit:
     def _with_standing(self, tracked: TrackedPoints, xyz: Array, share: float) -> tuple[Array, Array, Array]:
         """Points (A, 3) to fit, their information (A, 3, 3), and which of them stand and so are put at their places."""
         at, sigma_m = self._body.keypoint, self._settings.contact_sigma_m
-        put, information = fit_kernels.weighted_points(xyz, tracked.cov, at, share)
+        put, known = np.nan_to_num(xyz), np.isfinite(xyz[:, 0])
+        information = np.where(known[:, None, None], share * information_of(tracked.cov[at]), 0.0)
         stands = np.zeros(len(at), bool)
         if sigma_m:
             feet = self._feet
@@ -357,6 +362,6 @@ class _Fit:
         q, rot = self._state
         expected = np.where(self._slack, 0.0, q), rot.copy()
         fit_kernels.descend(
-            self._tree, expected, self._loose, _PREFERENCE, seen, self._settings.robust_dof, iterations,
-            q, rot, self._points,
+            self._tree, expected, self._loose, _PREFERENCE, seen, self._settings.robust_dof, 1.0, iterations, q, rot
         )  # fmt: skip
+        tree_kernels.put_points(self._tree, q, rot, self._points)

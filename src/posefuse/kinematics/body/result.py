@@ -40,16 +40,20 @@ def length_response(tree: Tree, seen: Measurement, robust: float, points: Array,
     return np.asarray(by_length - by_state @ follows)
 
 
-def robust_variance_factor(seen: Measurement, robust: float, points: Array) -> Array:
-    """(A,) by how much the rays are farther from the points (A, 3) of a fit than stated, as a factor of variance from 1 on.
+def squared_misses(points: Array, projections: Array, xy: Array, inverse_var: Array) -> Array:
+    """(A, C) squared distances of rays (A, C, 2) in cameras (C, 3, 4) from points (A, 3), by variance; NaN where unseen."""
+    projected = np.einsum("cij,aj->aci", projections[..., :3], points) + projections[..., 3]
+    square = ((projected[..., :2] / projected[..., 2:] - xy) ** 2).sum(axis=-1) * inverse_var
+    return np.where(inverse_var > 0, square, np.nan)
+
+
+def variance_factor(square: Array, robust: float) -> Array:
+    """(A,) by how much rays are farther from points than stated (`squared_misses`), as a factor of variance from 1 on.
 
     The Birge ratio, chi-squared by its degrees of freedom, with the Student-t weights of the fit: an outlier counts little. One
     ray agrees with any point.
     """
-    xyz = np.concatenate([points, np.ones((len(points), 1))], axis=1)
-    projected = np.einsum("cij,aj->aci", seen.projections, xyz)
-    square = ((projected[..., :2] / projected[..., 2:] - seen.xy) ** 2).sum(axis=-1) * seen.inverse_var
-    counts = (seen.inverse_var > 0) & np.isfinite(square)
+    counts = np.isfinite(square)
     weighted = np.where(counts, square * (robust + 2) / (robust + np.where(counts, square, 0)), 0)
     freedom = 2 * counts.sum(axis=1) - 3
     return np.maximum(np.where(freedom > 0, weighted.sum(axis=1) / np.maximum(freedom, 1), 1.0), 1.0)
@@ -113,7 +117,8 @@ class StateReader:
         if seen is not None and seen.standing_cov is not None:
             cov = cov + seen.standing_cov
         if seen is not None and len(seen.projections):
-            cov = cov * robust_variance_factor(seen, self._robust, self._points)[:, None, None]
+            square = squared_misses(self._points, seen.projections, seen.xy, seen.inverse_var)
+            cov = cov * variance_factor(square, self._robust)[:, None, None]
         xyz = np.full((len(self._body.skeleton), 3), np.nan)
         xyz[self._body.keypoint] = self._points
         work.read(xyz, np.broadcast_to(own, (len(xyz), 3, 3)))

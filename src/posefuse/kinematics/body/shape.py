@@ -145,7 +145,7 @@ def _add_time_step(
     expected = np.where(tree.slack_var[tree.dof[:-1]] > 0, 0.0, q)
     points, jacobians = np.empty((len(tree.node), 3)), np.empty((len(tree.node), 3, tree.size))
     rays = fit_kernels.SeenKeypoints(one.xyz, np.zeros((len(tree.node), 3, 3)), one.projections, one.xy, one.inverse_var)
-    hessian, _ = fit_kernels.gauss_newton(
+    hessian = fit_kernels.gauss_newton(
         tree, (expected, rot.copy()), tree.held(_WEAK), 1.0, rays, settings.robust_dof, 1.0, steps, q, rot
     )  # fmt: skip
     frame, origin = np.empty_like(rot), np.empty((len(rot), 3))

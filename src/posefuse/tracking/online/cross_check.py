@@ -16,7 +16,7 @@ from posefuse.core.arrays import Array, median_apart
 from posefuse.core.values import UNSEEN
 
 from .kernels.state import GROUPS
-from .person import Model, Person
+from .person import CLEARLY, Model, Person
 
 # the views of one moment that are known to show the same people -> these people, in the same order
 Fuse = Callable[[Views], Pose3D]
@@ -30,8 +30,6 @@ _WRONG_SIGMAS, _WRONG_M = 5.0, 0.06
 # a keypoint that is tracked so far from where the newest views put it may begin there again
 _ELSEWHERE_M = 0.12
 _SAME_PERSON_M = 0.3
-# a view is exchanged as a whole where that brings it so much closer
-_CLEARLY = 0.5
 # limbs are exchanged in the person when so many checks running see them so
 _TURNED_CHECKS = 3
 # checks running until a keypoint begins again elsewhere, and the same where its counterpart is tracked
@@ -48,9 +46,8 @@ class CrossCheck:
     """
 
     def __init__(self, model: Model, fuse: Fuse) -> None:
-        self._rig, self._skeleton, self._fuse, self._mirror = model.rig, model.skeleton, fuse, model.skeleton.mirror
-        # (GROUPS, K) of which limbs each keypoint is
-        self._limbs = model.arrays.group == np.arange(GROUPS)[:, None]
+        self._model, self._fuse = model, fuse
+        self._rig, self._skeleton, self._mirror = model.rig, model.skeleton, model.skeleton.mirror
         self._focal_px = np.array([camera.K[0, 0] for camera in self._rig])
         self._centres = self._rig.centres_world()
         self._newest: dict[str, Detections2D] = {}
@@ -87,7 +84,7 @@ class CrossCheck:
         if xyz is None:
             self._nothing_found()
             return
-        exchanged = self._exchanged(_apart(xyz[self._mirror], now), _apart(xyz, now), 1.0)
+        exchanged = self._model.exchanged(_apart(xyz[self._mirror], now), _apart(xyz, now), 1.0)
         self._turned = np.where(exchanged, self._turned + 1, 0)
         turned = self._turned == _TURNED_CHECKS
         self._turned[turned] = 0
@@ -126,7 +123,7 @@ class CrossCheck:
             # limbs of a view that are exchanged as a whole are put right by the filter
             expected, depth_m = camera.project(xyz), _apart(xyz, centre)
             same_px, other_px = _apart(view.xy_img[0], expected), _apart(view.xy_img[0], expected[self._mirror])
-            exchanged = self._of_limbs(self._exchanged(other_px, same_px, _CLEARLY))
+            exchanged = self._model.of_limbs(self._model.exchanged(other_px, same_px, CLEARLY))
             least_px = np.maximum(_WRONG_SIGMAS * view.sigma_px[0], _WRONG_M * focal_px / depth_m)
             # a hidden limb is not where its counterpart is
             doubled = np.isnan(depth_m) & ~exchanged & (other_px < least_px[self._mirror])
@@ -143,20 +140,8 @@ class CrossCheck:
         self._far[again] = 0
         return np.where(again[:, None], xyz, np.nan)
 
-    def _exchanged(self, other: Array, same: Array, share: float) -> Array:
-        """(GROUPS,) limbs whose distances (K,) with left and right exchanged are less than such a share of those as they are.
-
-        Arms, legs and head each as a whole: a pair of elbows alone is never exchanged.
-        """
-        known = self._limbs & np.isfinite(other) & np.isfinite(same)
-        return np.array([other[one].sum() < share * same[one].sum() for one in known])
-
-    def _of_limbs(self, limbs: Array) -> Array:
-        """(K,) whether a keypoint is of one of these limbs (GROUPS,); those of the midline are of none."""
-        return np.asarray(self._limbs[limbs].any(axis=0))
-
     def _with_exchanged(self, xyz: Array, limbs: Array) -> Array:
-        return np.where(self._of_limbs(limbs)[:, None], xyz[self._mirror], xyz)
+        return np.where(self._model.of_limbs(limbs)[:, None], xyz[self._mirror], xyz)
 
 
 def _apart(one: Array, other: Array) -> Array:

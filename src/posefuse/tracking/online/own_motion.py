@@ -19,7 +19,7 @@ from posefuse.core.arrays import Array
 from posefuse.core.skeleton import SIDES
 
 from .kernels import own_motion as kernels
-from .kernels.state import SessionArrays
+from .kernels.state import SessionArrays, TrackState
 
 _HORIZON_NS, _EVERY_NS = round(kernels.HORIZON_S * 1e9), round(kernels.SAMPLE_EVERY_S * 1e9)
 # samples, 0.2 s; chosen, not fitted, to spare the solve, whose cost is cubic: less than a hundredth of the memory, so few of the
@@ -66,7 +66,7 @@ class OwnMotion:
             solved = np.linalg.solve(square + _RIDGE * np.eye(len(square)), cross.reshape(len(square), -1))
             weights[:] = solved.reshape(weights.shape)
 
-    def settle(self, state: Array, t_ns: int) -> None:
+    def settle(self, state: TrackState, t_ns: int) -> None:
         """The state after a view at t_ns, once no earlier view can come: perhaps predict from it."""
         if self._waiting and t_ns - self._waiting[-1][0] < _EVERY_NS:
             return
@@ -78,7 +78,7 @@ class OwnMotion:
         """What was predicted so far was about something else."""
         self._waiting.clear()
 
-    def correct(self, state: Array, since_s: float, xyz: Array) -> None:
+    def correct(self, state: TrackState, since_s: float, xyz: Array) -> None:
         """Add to a pose (K, 3) in the world, predicted since_s from the state, what is known that it will miss."""
         if self._samples < _SOLVE_EVERY or since_s <= 0:
             return
@@ -86,7 +86,7 @@ class OwnMotion:
         if made is not None:
             kernels.correct(made, self._regression, since_s, xyz)
 
-    def _predicted(self, state: Array) -> kernels.Prediction | None:
+    def _predicted(self, state: TrackState) -> kernels.Prediction | None:
         if len(self._watched.trunk) < len(_TRUNK):
             return None
         k = len(self._skeleton)

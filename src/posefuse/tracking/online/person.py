@@ -12,13 +12,15 @@ from posefuse.core import Kind, Rig, Skeleton
 from posefuse.core.arrays import Array
 from posefuse.tracking.settings import MOTION, LiveMotion, LiveSettings
 
-from .kernels.pose import PoseRow, pose, rays_of_person, where
+from .kernels.pose import PoseRow, pose, where
 from .kernels.rays import exchange_groups
-from .kernels.state import KeypointRays, Rules, SessionArrays, born, state_size
+from .kernels.state import GROUPS, KeypointRays, Rules, SessionArrays, TrackState, born, unborn
 from .kernels.step import ViewFigures, step
 from .kernels.updates import begin_again
 from .own_motion import OwnMotion
 
+# a view's limb is exchanged as a whole where that brings it so much closer
+CLEARLY = 0.5
 # what a newborn's keypoint may do, one standard deviation
 _BORN_M_S = 1.5
 # in a count of cameras, the depth of one
@@ -55,6 +57,35 @@ class Model:
             rules=Rules(*(float(values[name]) for name in Rules._fields)),
         )
 
+    @cached_property
+    def limbs(self) -> Array:
+        """(GROUPS, K) of which limbs each keypoint is."""
+        return np.asarray(self.arrays.group == np.arange(GROUPS)[:, None])
+
+    def exchanged(self, other: Array, same: Array, share: float) -> Array:
+        """(GROUPS,) limbs whose distances (K,) with left and right exchanged are less than such a share of those as they are.
+
+        Arms, legs and head each as a whole: a pair of elbows alone is never exchanged.
+        """
+        known = self.limbs & np.isfinite(other) & np.isfinite(same)
+        return np.array([other[one].sum() < share * same[one].sum() for one in known])
+
+    def of_limbs(self, limbs: Array) -> Array:
+        """(K,) whether a keypoint is of one of these limbs (GROUPS,); those of the midline are of none."""
+        return np.asarray(self.limbs[limbs].any(axis=0))
+
+
+def named_rays(rays: KeypointRays, world: Array, model: Model) -> tuple[Array, Array]:
+    """Ideal points (K, 2) of a view, left and right as in a person at (K, 3), and 1 / variance (K,); NaN and 0 where unseen."""
+    camera, mirror = model.rig.cameras[rays.camera].cam_from_world, model.arrays.mirror
+    there = camera @ world
+    expected = there[:, :2] / there[:, 2:]
+    same, other = (np.linalg.norm(z - expected, axis=-1) for z in (rays.z, rays.z[mirror]))
+    exchanged = model.of_limbs(model.exchanged(other, same, CLEARLY))
+    source = np.where(exchanged, mirror, np.arange(len(mirror)))
+    z = rays.z[source]
+    return z, np.where(np.isfinite(z[:, 0]), 0.5 * (rays.white[source] ** 2).sum(axis=(-1, -2)), 0.0)
+
 
 def _groups(skeleton: Skeleton) -> Array:
     """(K,) what is exchanged together: arms 0, legs 1, head 2; -1 on the midline."""
@@ -84,7 +115,7 @@ class _Moment:
 
     t_ns: int
     camera: int
-    state: Array
+    state: TrackState
     rays: KeypointRays | None = None
     depth_m: Array | None = None
 
@@ -124,7 +155,7 @@ class Person:
         self._model, self._birth_ns = model, t_ns
         # by camera; those of the birth are not distinguished
         self._measured_by_ns = {-2: t_ns, -1: t_ns}
-        state = np.empty(state_size(model.arrays))
+        state = unborn(model.arrays)
         born(state, model.arrays, xyz, cov, _BORN_M_S)
         self._moments = [_Moment(t_ns=t_ns, camera=-1, state=state)]
         self._own_motion = OwnMotion(model.skeleton, model.arrays)
@@ -133,9 +164,10 @@ class Person:
         """Work a view in at its own time, see `Optics.rays`; its figures, or None when it is older than memory."""
         if t_ns < self._moments[0].t_ns:
             return None
-        camera, state = rays.camera, np.empty_like(self._moments[0].state)
+        camera = rays.camera
         place = bisect_right(self._moments, (t_ns, camera), key=lambda m: (m.t_ns, m.camera))
-        self._moments.insert(place, _Moment(t_ns=t_ns, camera=camera, state=state, rays=rays, depth_m=depth_m))
+        before = self._moments[place - 1].state
+        self._moments.insert(place, _Moment(t_ns=t_ns, camera=camera, state=before, rays=rays, depth_m=depth_m))
         figures = newest = self._redone(place)
         for later in range(place + 1, len(self._moments)):
             newest = self._redone(later)
@@ -164,7 +196,7 @@ class Person:
     def begin_again(self, xyz: Array) -> None:
         """Put keypoints at world places (K, 3) in every kept state, as late views start from older ones; NaN: unchanged."""
         for moment in self._moments:
-            begin_again(moment.state, self._model.arrays, xyz)
+            begin_again(moment.state, xyz)
         if np.isfinite(xyz).any():
             self._own_motion.begin_again()
 
@@ -191,10 +223,9 @@ class Person:
         views, k = [newest[camera] for camera in sorted(newest)], len(self._model.skeleton)
         z, inverse_var, then = np.empty((len(views), k, 2)), np.empty((len(views), k)), np.empty((len(views), k, 3))
         for v, view in enumerate(views):
-            before = (self._before(view.t_ns).state, self._before(view.t_ns + _ROW_NS).state)
-            rays_of_person(
-                before, self._seconds(view.t_ns), _ROW_NS * 1e-9, view.rays, self._model.arrays, z[v], inverse_var[v], then[v]
-            )
+            assert view.rays is not None
+            then[v] = self._when_exposed(view.t_ns, view.rays.late_s)
+            z[v], inverse_var[v] = named_rays(view.rays, then[v], self._model)
         return Evidence(
             camera=np.array([view.camera for view in views], np.intp),
             z=z,
@@ -203,6 +234,14 @@ class Person:
             checked_ns=checked_ns,
             away_world=away_world,
         )
+
+    def _when_exposed(self, t_ns: int, late_s: Array) -> Array:
+        """(K, 3) where keypoints were when their rows were exposed, so long (K,) after the middle of the exposure."""
+        then = self.expected(t_ns)[0]
+        if not late_s.any():
+            return then
+        later = self.expected(t_ns + _ROW_NS)[0]
+        return then + (later - then) * (late_s / (_ROW_NS * 1e-9))[:, None]
 
     def expected(self, t_ns: int) -> tuple[Array, Array]:
         """Positions (K, 3) and how sure (K,) at a time, from what came before it."""
@@ -222,10 +261,9 @@ class Person:
         return bool(filled.kind.any())
 
     def _redone(self, place: int) -> ViewFigures:
-        before, now = self._moments[place - 1], self._moments[place]
-        figures: ViewFigures = step(
-            before.state, now.state, self._seconds(now.t_ns), now.rays, self._model.arrays, now.depth_m
-        )  # fmt: skip
+        now = self._moments[place]
+        now.state = self._moments[place - 1].state.copy()
+        figures: ViewFigures = step(now.state, self._seconds(now.t_ns), now.rays, self._model.arrays, now.depth_m)
         return figures
 
     def _before(self, t_ns: int) -> _Moment:

@@ -11,7 +11,7 @@ from posefuse.core.arrays import Array
 from posefuse.foundation.compiled import kernel
 
 from .pose import places
-from .state import all_models, parts
+from .state import all_models
 
 # somewhat longer than a pose is predicted in a live session: over shorter times more of what is missed is noise
 HORIZON_S, SAMPLE_EVERY_S = 0.1, 0.025
@@ -63,11 +63,10 @@ class Regression(NamedTuple):
 
 
 @kernel()
-def anticipate(state, session, watched, made):
+def anticipate(person, session, watched, made):
     """Predict a person by `HORIZON_S` from the time of a state into `made`; False where the trunk is not known."""
     joints, trunk = watched
     frame, features, expected, ages = made
-    person = parts(state, session)
     seen, time = person.seen, person.time[0]
     k, count = seen.shape
     now = np.empty((k, 3))

@@ -1,4 +1,4 @@
-"""What is known of a person at a time that is asked for, and the rays of a view that is kept."""
+"""What is known of a person at a time that is asked for."""
 
 from __future__ import annotations
 
@@ -12,8 +12,7 @@ from posefuse.foundation.compiled import kernel
 from posefuse.tracking.smooth_kernels import inverse3
 
 from .body import hold_bones
-from .state import GROUPS, all_models, combined, parts, position
-from .step import sources
+from .state import all_models, combined, position
 
 _OUT_OF_SIGHT_M = 0.5  # along a ray no other person crosses
 
@@ -51,9 +50,8 @@ class PoseRow(NamedTuple):
 
 
 @kernel()
-def where(state, t, session, means, sigmas):
+def where(person, t, session, means, sigmas):
     """Positions (K, 3) expected at time t and how sure (K,), standard deviation; NaN where not tracked."""
-    person = parts(state, session)
     x, cov, share = person.x, person.cov, person.share
     k = len(x) - 1
     spread = np.empty((3, 3))
@@ -70,10 +68,9 @@ def where(state, t, session, means, sigmas):
 
 
 @kernel()
-def pose(state, t, session, kinds, out):
+def pose(person, t, session, kinds, out):
     """What comes out at time t, filled into out; kinds: FUSED and PREDICTED."""
     rules = session.rules
-    person = parts(state, session)
     k = len(person.x) - 1
     dt = t - person.time[0]
     f, q = all_models(dt, session.models)
@@ -138,64 +135,3 @@ def _add_lasting(person, i, known, mean, session, spread):
     for a in range(3):
         for d in range(3):
             spread[a, d] += rules.lasting_share * inverse[a, d]
-
-
-# a limb of a view is exchanged where that brings it so much closer
-_CLEARLY = 0.5
-
-
-@kernel()
-def rays_of_person(before, t, later_s, view, session, z, inverse_var, then):
-    """Fill z (K, 2) and inverse_var (K,) of a view at time t, and where keypoints were (K, 3) when their rows were exposed.
-
-    before: the states to start from for the time t and for `later_s` after it, between which a keypoint moves from row to row.
-    z is NaN, and inverse_var 0, where there is none.
-    """
-    _expected(before[0], t, session, then)
-    if view.late_s.any():
-        later = np.empty(then.shape)
-        _expected(before[1], t + later_s, session, later)
-        for i in range(len(then)):
-            for a in range(3):
-                then[i, a] += (later[i, a] - then[i, a]) * (view.late_s[i] / later_s)
-    source = sources(_exchanged(view, then, session), session)
-    for i in range(len(source)):
-        total = 0.0
-        for a in range(2):
-            z[i, a] = view.z[source[i], a]
-            for b in range(2):
-                total += view.white[source[i], a, b] ** 2
-        inverse_var[i] = 0.5 * total if math.isfinite(z[i, 0]) else 0.0
-
-
-@kernel()
-def _expected(state, t, session, means):
-    """Positions (K, 3) at a time."""
-    person = parts(state, session)
-    places(person, all_models(t - person.time[0], session.models)[0], means)
-
-
-@kernel()
-def _exchanged(view, places, session):
-    """(GROUPS,) 1 for each limb whose sides a view exchanges, given where the keypoints are (K, 3)."""
-    camera = session.cameras[view.camera]
-    same, other, there = np.zeros(GROUPS), np.zeros(GROUPS), np.empty(3)
-    for i in range(len(places)):
-        g, mirror = session.group[i], session.mirror[i]
-        if g < 0:
-            continue
-        for a in range(3):
-            there[a] = camera[9 + a]
-            for b in range(3):
-                there[a] += camera[3 * a + b] * places[i, b]
-        u, v = there[0] / there[2], there[1] / there[2]
-        own = math.hypot(view.z[i, 0] - u, view.z[i, 1] - v)
-        mirrored = math.hypot(view.z[mirror, 0] - u, view.z[mirror, 1] - v)
-        if math.isfinite(own) and math.isfinite(mirrored):
-            same[g] += own
-            other[g] += mirrored
-    exchanged = np.zeros(GROUPS)
-    for g in range(GROUPS):
-        if other[g] < _CLEARLY * same[g]:
-            exchanged[g] = 1.0
-    return exchanged

@@ -8,7 +8,7 @@ import numpy as np
 
 from posefuse.foundation.compiled import kernel
 
-from .state import GROUPS, parts
+from .state import GROUPS
 
 
 @kernel()
@@ -52,16 +52,6 @@ def depth_row(camera, point, measured, row):
         z += camera[6 + a] * point[a]
         row[a] = camera[6 + a] * certain
     return (measured[0] - z) * certain
-
-
-@kernel()
-def expected_depth(row, spread):
-    """Innovation variance row spread row^T + 1 of a depth."""
-    s = 1.0
-    for a in range(3):
-        for d in range(3):
-            s += row[a] * spread[a, d] * row[d]
-    return s
 
 
 @kernel()
@@ -178,9 +168,8 @@ def exchange_person(person, session, g):
 
 
 @kernel()
-def exchange_groups(state, session, which):
+def exchange_groups(person, session, which):
     """Exchange left and right of the limbs `which` (GROUPS,) of a person, and forget the views in which they were exchanged."""
-    person = parts(state, session)
     for g in range(GROUPS):
         if which[g]:
             exchange_person(person, session, g)

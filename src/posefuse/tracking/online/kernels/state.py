@@ -1,6 +1,4 @@
-"""What the kernels read of a session and of a view, what is known of one person as one flat float64 array, so that keeping
-one per view is one copy, and how that moves on in time.
-"""
+"""What the kernels read of a session and of a view, what is known of one person, and how that moves on in time."""
 
 from __future__ import annotations
 
@@ -64,8 +62,8 @@ NEVER = -1e9
 _BODY_BORN_M = 0.05  # the newborn body's middle
 
 
-class StateParts(NamedTuple):
-    """Views into a state: K keypoints, M motion models, C cameras, B bones.
+class TrackState(NamedTuple):
+    """What is known of one person: K keypoints, M motion models, C cameras, B bones.
 
     x (K + 1, M, 9), cov (K + 1, M, 9, 9) and share (K + 1, M) of each model: the body as a whole in the last row, the keypoints
     against it in the others. lively (K + 1,): variance of their accelerations lately. Per camera (K, C): seen, when it last
@@ -86,58 +84,36 @@ class StateParts(NamedTuple):
     bones: Array
     time: Array
 
-
-@kernel()
-def sizes(session):
-    """Keypoints, motion models, cameras, bones."""
-    return len(session.mirror), session.models.shape[1], len(session.cameras), len(session.ends)
+    def copy(self) -> TrackState:
+        """The same in arrays of its own."""
+        return TrackState(*(plane.copy() for plane in self))
 
 
-@kernel()
-def state_size(session):
-    """Length of a state."""
-    k, m, c, b = sizes(session)
-    return (k + 1) * (m * 91 + 1) + 4 * k * c + k + GROUPS + 2 * b + 1
-
-
-@kernel()
-def parts(state, session):
-    """See `StateParts`."""
-    k, m, c, b = sizes(session)
-    rows = k + 1
-    at = rows * m * 9
-    x = state[:at].reshape(rows, m, 9)
-    cov = state[at : at + rows * m * 81].reshape(rows, m, 9, 9)
-    at += rows * m * 81
-    share = state[at : at + rows * m].reshape(rows, m)
-    at += rows * m
-    lively = state[at : at + rows]
-    at += rows
-    seen = state[at : at + k * c].reshape(k, c)
-    at += k * c
-    square = state[at : at + k * c].reshape(k, c)
-    at += k * c
-    precision = state[at : at + k * c].reshape(k, c)
-    at += k * c
-    deepness = state[at : at + k * c].reshape(k, c)
-    at += k * c
-    refused = state[at : at + k]
-    at += k
-    flips = state[at : at + GROUPS]
-    at += GROUPS
-    bones = state[at : at + 2 * b].reshape(b, 2)
-    time = state[at + 2 * b :]
-    return StateParts(x, cov, share, lively, seen, square, precision, deepness, refused, flips, bones, time)
+def unborn(session: SessionArrays) -> TrackState:
+    """A state at time 0 of which nothing is known."""
+    k, m, c = len(session.mirror), session.models.shape[1], len(session.cameras)
+    square, precision, deepness = np.zeros((3, k, c))
+    return TrackState(
+        x=np.zeros((k + 1, m, 9)),
+        cov=np.zeros((k + 1, m, 9, 9)),
+        share=np.zeros((k + 1, m)),
+        lively=np.zeros(k + 1),
+        seen=np.full((k, c), NEVER),
+        square=square,
+        precision=precision,
+        deepness=deepness,
+        refused=np.zeros(k),
+        flips=np.zeros(GROUPS),
+        bones=np.zeros((len(session.ends), 2)),
+        time=np.zeros(1),
+    )
 
 
 @kernel()
-def born(state, session, xyz, xyz_cov, velocity_m_s):
-    """Fill a state at time 0: positions (K, 3) with covariance (K, 3, 3), NaN where not known yet."""
-    person = parts(state, session)
+def born(person, session, xyz, xyz_cov, velocity_m_s):
+    """Fill an `unborn` state: positions (K, 3) with covariance (K, 3, 3), NaN where not known yet."""
     x, cov, share = person.x, person.cov, person.share
     k, m = len(x) - 1, x.shape[1]
-    state[:] = 0.0
-    person.seen[:] = NEVER
     middle, count = np.zeros(3), 0
     for i in range(k):
         if math.isfinite(xyz[i, 0]) and math.isfinite(xyz_cov[i, 0, 0]):

@@ -11,8 +11,8 @@ from posefuse.foundation.compiled import kernel
 
 from .body import alone, centre_body, hold_depth, learn_bones, let_go_of_strays, start_missing
 from .rays import depth_row, exchange_person, expected, flipped_groups, ray, squared
-from .state import GROUPS, all_models, combined, learn_liveliness, mix, parts, predict_model
-from .updates import doubt, move_body, update, update_depth
+from .state import GROUPS, all_models, combined, learn_liveliness, mix, predict_model
+from .updates import doubt, move_body, update
 
 _FLIP_MEMORY = 0.05  # weight of the newest view in the share of exchanged ones
 _FLIP_STATE = 0.6  # when so many views are exchanged it is the person who is
@@ -35,14 +35,13 @@ class ViewFigures(NamedTuple):
 
 
 @kernel()
-def step(before, after, t, view, session, deep=None):
-    """One view into a person: state `before` -> `after`, at time t not before it; returns `ViewFigures`.
+def step(person, t, view, session, deep=None):
+    """One view into a person, in place, at time t not before the person's; returns `ViewFigures`.
 
     deep: (K, 2) depth of each keypoint and its sigma, m, NaN where unknown; None compiles a kernel without any of it.
     """
-    after[:] = before
-    person = parts(after, session)
     k, c = len(view.z), view.camera
+    body_before, share_before = person.x[k].copy(), person.share[k].copy()
     dt = t - person.time[0]
     person.time[0] = t
     start_missing(person, view.z, t, session)
@@ -64,8 +63,7 @@ def step(before, after, t, view, session, deep=None):
     learn_liveliness(person.lively, person.share, session.models, dt)
     centre_body(person.x, person.share)
     if depths == 0 and alone(person.seen, c, t) > session.rules.alone_hold_s:
-        old = parts(before, session)
-        hold_depth(session.cameras[c], dt, old.x[k], old.share[k], person.x[k], person.cov[k], person.share[k])
+        hold_depth(session.cameras[c], dt, body_before, share_before, person.x[k], person.cov[k], person.share[k])
     return ViewFigures(measured, gated, square, exchanged.sum(), _body_speed(person.x[k], person.share[k]), float(depths))
 
 
@@ -145,7 +143,7 @@ def _work_in(view, t, source, person, means, spreads, session, deep=None):
         s00, s01, s11 = expected(rows, spreads[i] + spreads[k], 1.0)
         measured += 1.0
         square += min(squared(s00, s01, s11, error[0], error[1]), 4.0 * rules.gate_chi2)
-        nearest = update(x[i], cov[i], share[i], rows, away, spreads[k], rules)
+        nearest = update(x[i], cov[i], share[i], rows, away, spreads[k], rules.new_share, rules)
         if not nearest <= rules.gate_chi2:
             gated += 1.0
             refused[i] += 1.0
@@ -172,13 +170,13 @@ def _depth_in(measured, i, person, camera, point, mean, spread, common, rules):
     x, cov, share = person.x[i], person.cov[i], person.share[i]
     if not measured[1] > 0.0:
         return 0.0
-    row, before_m, away = np.empty(3), mean.copy(), np.empty(len(share))
-    miss = depth_row(camera, point, measured, row)
+    rows, before_m, away = np.zeros((2, 3)), mean.copy(), np.zeros((len(share), 2))
+    miss = depth_row(camera, point, measured, rows[0])
     for j in range(len(share)):
-        away[j] = miss
+        away[j, 0] = miss
         for a in range(3):
-            away[j] -= row[a] * (x[j, a] - mean[a])
-    if not update_depth(x, cov, share, row, away, common, rules):
+            away[j, 0] -= rows[0, a] * (x[j, a] - mean[a])
+    if not update(x, cov, share, rows, away, common, 1.0, rules) <= rules.gate_chi2:
         return 0.0
     combined(x, cov, share, mean, spread)
     for a in range(3):

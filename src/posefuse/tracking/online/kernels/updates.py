@@ -9,18 +9,19 @@ import numpy as np
 from posefuse.foundation.compiled import kernel
 from posefuse.tracking.smooth_kernels import inverse3
 
-from .rays import depth_row, expected, expected_depth, ray, squared
-from .state import combined, normalise, parts
+from .rays import depth_row, expected, ray, squared
+from .state import combined, normalise
 
 _DOUBT_M, _DOUBT_M_S = 0.1, 2.0  # as much is then added to what is uncertain about it
 _FOUND_M = 0.03  # of a place where rays meet
 
 
 @kernel()
-def update(x, cov, share, rows, away, common, rules):
+def update(x, cov, share, rows, away, common, new_share, rules):
     """One ray into all models of a keypoint; `away` (M, 2) its error from each, `common` (3, 3) what the body adds to it.
 
-    Whether the ray is an outlier is judged by its stated variance; what counts is the share `new_share` of it.
+    A depth is one row, the other one zero. Whether the ray is an outlier is judged by its stated variance; what counts is the
+    share `new_share` of it.
     Returns its squared distance from the model that expected it most; nothing is changed beyond the gate.
     """
     m = len(share)
@@ -31,7 +32,7 @@ def update(x, cov, share, rows, away, common, rules):
     if not nearest <= rules.gate_chi2:
         return nearest
     # beyond the knee a view is believed as if it were as noisy as it turned out to be
-    noise = rules.new_share + max(nearest / rules.outlier_chi2, 1.0) - 1.0
+    noise = new_share + max(nearest / rules.outlier_chi2, 1.0) - 1.0
     best = np.inf
     for j in range(m):
         s00, s01, s11 = expected(rows, cov[j, :3, :3] + common, noise)
@@ -61,42 +62,11 @@ def update(x, cov, share, rows, away, common, rules):
 
 
 @kernel()
-def update_depth(x, cov, share, row, away, common, rules):
-    """One depth into all models of a keypoint, as `update` does a ray; `away` (M,) its error from each. Whether it was used."""
-    m = len(share)
-    nearest = np.inf
-    for j in range(m):
-        nearest = min(nearest, away[j] ** 2 / expected_depth(row, cov[j, :3, :3] + common))
-    if not nearest <= rules.gate_chi2:
-        return False
-    extra = max(nearest / rules.outlier_chi2, 1.0) - 1.0
-    best = np.inf
-    for j in range(m):
-        best = min(best, away[j] ** 2 / (expected_depth(row, cov[j, :3, :3] + common) + extra))
-    gain = np.empty(9)
-    for j in range(m):
-        s = expected_depth(row, cov[j, :3, :3] + common) + extra
-        share[j] *= math.exp(0.5 * (best - away[j] ** 2 / s)) / math.sqrt(s)
-        for i in range(9):
-            gain[i] = 0.0
-            for a in range(3):
-                gain[i] += cov[j, i, a] * row[a] / s
-            x[j, i] += gain[i] * away[j]
-        for i in range(9):
-            for a in range(i, 9):
-                cov[j, i, a] -= gain[i] * s * gain[a]
-                cov[j, a, i] = cov[j, i, a]
-    normalise(share)
-    return True
-
-
-@kernel()
-def begin_again(state, session, xyz):
-    """Put keypoints at world places xyz (K, 3), unsure how fast, into a state; NaN leaves one as it is.
+def begin_again(person, xyz):
+    """Put keypoints of a person at world places xyz (K, 3), unsure how fast; NaN leaves one as it is.
 
     Their places are so sure that the views that were wrong before do not count again.
     """
-    person = parts(state, session)
     x, cov, share = person.x, person.cov, person.share
     k, m = len(xyz), x.shape[1]
     body = np.zeros(3)
@@ -139,7 +109,7 @@ def move_body(view, source, person, means, spreads, session, deep=None):
     depths = 0
     k, m = len(z), x.shape[1]
     info, pull = np.zeros((3, 3)), np.zeros(3)
-    rows, error, point, row = np.empty((2, 3)), np.empty(2), np.empty(3), np.empty(3)
+    rows, error, point = np.empty((2, 3)), np.empty(2), np.empty(3)
     for i in range(k):
         o = source[i]
         if not (math.isfinite(z[o, 0]) and math.isfinite(means[i, 0])):
@@ -151,31 +121,33 @@ def move_body(view, source, person, means, spreads, session, deep=None):
             point[a] = means[k, a] + means[i, a] + late[o] * drift
         if not ray(camera, point, white[o], z[o], rows, error):
             continue
-        s00, s01, s11 = expected(rows, spreads[i] + spreads[k], 1.0)
-        far = squared(s00, s01, s11, error[0], error[1])
-        if not far <= rules.gate_chi2:
+        if not _gathered(rows, error, spreads[i], spreads[k], rules.new_share, rules, info, pull):
             continue
-        s00, s01, s11 = expected(rows, spreads[i], rules.new_share + max(far / rules.outlier_chi2, 1.0) - 1.0)
-        det = s00 * s11 - s01 * s01
-        for a in range(3):
-            g0 = (rows[0, a] * s11 - rows[1, a] * s01) / det
-            g1 = (rows[1, a] * s00 - rows[0, a] * s01) / det
-            pull[a] += g0 * error[0] + g1 * error[1]
-            for d in range(3):
-                info[a, d] += g0 * rows[0, d] + g1 * rows[1, d]
         if deep is not None and deep[o, 1] > 0.0:
-            away = depth_row(camera, point, deep[o], row)
-            far = away * away / expected_depth(row, spreads[i] + spreads[k])
-            if far <= rules.gate_chi2:
-                s = expected_depth(row, spreads[i]) + max(far / rules.outlier_chi2, 1.0) - 1.0
-                for a in range(3):
-                    pull[a] += row[a] * away / s
-                    for d in range(3):
-                        info[a, d] += row[a] * row[d] / s
-                depths += 1
+            error[0], error[1] = depth_row(camera, point, deep[o], rows[0]), 0.0
+            rows[1] = 0.0
+            depths += _gathered(rows, error, spreads[i], spreads[k], 1.0, rules, info, pull)
     _pull(x[k], cov[k], share[k], means[k], info, pull)
     combined(x[k], cov[k], share[k], means[k], spreads[k])
     return depths
+
+
+@kernel()
+def _gathered(rows, error, own, common, new_share, rules, info, pull):
+    """Add two rows to information (3, 3) and pull (3,), uncertain by what is `own` of the keypoint; whether they count."""
+    s00, s01, s11 = expected(rows, own + common, 1.0)
+    far = squared(s00, s01, s11, error[0], error[1])
+    if not far <= rules.gate_chi2:
+        return False
+    s00, s01, s11 = expected(rows, own, new_share + max(far / rules.outlier_chi2, 1.0) - 1.0)
+    det = s00 * s11 - s01 * s01
+    for a in range(3):
+        g0 = (rows[0, a] * s11 - rows[1, a] * s01) / det
+        g1 = (rows[1, a] * s00 - rows[0, a] * s01) / det
+        pull[a] += g0 * error[0] + g1 * error[1]
+        for d in range(3):
+            info[a, d] += g0 * rows[0, d] + g1 * rows[1, d]
+    return True
 
 
 @kernel()
