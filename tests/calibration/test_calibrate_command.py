@@ -109,6 +109,7 @@ EXTRINSICS = "extrinsics --target cube.toml --intrinsics lenses.toml --out rig.t
         (f"{PERSON} --height-m 1.8 cam00.mp4 cam01=.", InputError, "lies inside the input"),
         ("intrinsics --target b.toml --out r.toml --report none/file a.mp4", InputError, "--report "),
         ("intrinsics --target board.toml --out r.toml cam=none.mp4", InputError, "no such video or folder of images"),
+        ("intrinsics --target board.toml --out lenses.yml cam00.mp4", InputError, "--out lenses.yml: a rig file is TOML"),
         ("extrinsics --target chess.toml --out rig.toml cam00.mp4", CalibrationError, "looks the same from both ends"),
         ("verify --target chess.toml --rig lenses.toml cam00.mp4", CalibrationError, "looks the same from both ends"),
         ("guide --target chess.toml --source cam00=video:cam00.mp4", CalibrationError, "looks the same from both ends"),

@@ -126,6 +126,8 @@ def check_files(options: Any, inputs: Sequence[str] = ()) -> list[Path]:
     for name in ("out", "report"):
         if (path := getattr(options, name, None)) is not None:
             check_output_file(path, option=f"--{option_of(name)}", inputs=read, replace=options.replace)
+            if name == "out" and path.suffix != ".toml":
+                raise InputError(f"--out {path}: a rig file is TOML: expected a name that ends in .toml")
     return read
 
 
