@@ -205,7 +205,7 @@ def test_the_result_names_the_network_that_was_used() -> None:
 
 @pytest.mark.parametrize(
     "command",
-    ["track S --out R", "live rig.toml", "node camera rig.toml", "calibrate person a=a --intrinsics i --out o"],
+    ["track S --out R", "live rig.toml", "node camera rig.toml", "calibrate person a=a --intrinsics i --out o.toml"],
 )
 def test_a_card_that_is_missing_is_one_line(command: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main([*command.split(), "--networks", str(tmp_path / "absent.toml")]) == 1

@@ -10,7 +10,7 @@ from running import python
 
 import posefuse
 from posefuse.foundation import compiled
-from posefuse.foundation.compiled import fingerprint, kernel_files
+from posefuse.foundation.compiled import fingerprint, kernel_files, room_files
 
 PACKAGE = Path(posefuse.__file__).parent
 USE = """
@@ -35,6 +35,11 @@ def test_kernels_stand_only_where_their_changes_are_noticed() -> None:
     for path in kernel_files():
         others = re.findall(r"^from posefuse\.(?!core|foundation)(\w+)", path.read_text(), re.M)
         assert {*others} <= {path.relative_to(PACKAGE).parts[0]}, path
+    # nor one in the core, but for what is compiled from there
+    compiled_too = {path for path in kernel_files() if re.search(r"= njit\(.*\)\(\w+\)", path.read_text())}
+    assert [path.name for path in compiled_too] == ["lens.py"]
+    assert "from posefuse.core.lens import" in compiled_too.pop().read_text()
+    assert PACKAGE / "core" / "lens.py" in room_files("fusion")
 
 
 def test_a_change_of_any_kernel_file_starts_a_new_folder(tmp_path: Path) -> None:
@@ -53,7 +58,7 @@ def test_a_change_of_any_kernel_file_starts_a_new_folder(tmp_path: Path) -> None
 
 def test_compiled_forms_are_kept_in_the_users_cache(tmp_path: Path) -> None:
     use(tmp_path)
-    folder = tmp_path / "kernels" / fingerprint(kernel_files(PACKAGE / "tracking"))
+    folder = tmp_path / "kernels" / fingerprint(room_files("tracking"))
     assert list(folder.rglob("*inverse3*.nbi"))
     # no place to keep them is no error
     (tmp_path / "file").write_text("in the way")

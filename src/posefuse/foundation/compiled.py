@@ -24,7 +24,6 @@ from numba import config, njit
 from .platform import default_cache_dir
 
 _PACKAGE = Path(__file__).resolve().parents[1]
-_COMPILED_TOO = _PACKAGE / "core" / "lens.py"
 _KEPT_S = 14 * 86400.0  # the folder of another version goes when it was not used for so long
 _settings: Any = config  # its names come from the environment while numba is imported
 
@@ -67,6 +66,11 @@ def kernel_files(package: Path = _PACKAGE) -> list[Path]:
     return sorted(path for path in package.rglob("*.py") if path.stem.endswith("kernels") or path.parent.name == "kernels")
 
 
+def room_files(room: str = "") -> list[Path]:
+    """What the machine code of a room, or of all, is made from: kernel files, and what of the core they compile."""
+    return [*kernel_files(_PACKAGE / room), _PACKAGE / "core" / "lens.py"]
+
+
 def fingerprint(files: Sequence[Path]) -> str:
     """Changes with the text of any of the files."""
     digest = hashlib.sha256()
@@ -78,7 +82,7 @@ def fingerprint(files: Sequence[Path]) -> str:
 @functools.cache
 def _folder(room: str = "") -> Path | None:
     """The folder of a room's kernels as they are now, or of all; None where nothing can be written: every run compiles again."""
-    folder = default_cache_dir() / "kernels" / fingerprint([*kernel_files(_PACKAGE / room), _COMPILED_TOO])
+    folder = default_cache_dir() / "kernels" / fingerprint(room_files(room))
     try:
         folder.mkdir(parents=True, exist_ok=True)
         os.utime(folder)
