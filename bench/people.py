@@ -38,7 +38,7 @@ def motion_of(kind: str, n: int, cameras: int) -> dict[str, Any]:
     shape = "back_forth"
     if kind == "leaving":
         angle = 2 * np.pi * (n + 0.5) / cameras
-        start, end = (radius_m * np.array([np.cos(angle), np.sin(angle)]) for radius_m in (0.8, 8.0 if n else 1.8))
+        start, end = (radius_m * np.array([np.cos(angle), np.sin(angle)]) for radius_m in (0.8, 8.0 if n else 1.9))
     elif kind == "hugging":
         start, end, shape = pair - [2.2 * ahead, 0.0], pair - [0.15 * ahead, 0.0], "line"
     else:
@@ -51,7 +51,11 @@ def session_of(name: str, seed: int, seconds: float, kept: Path) -> Path:
     kind, (people, cameras) = name.split("-")[0], map(int, name.split("-")[1].split("x"))
     ring = {"kind": "ring", "count": cameras, "radius_m": 4.5, "height_m": 2.2, "image": {"horizontal_fov_deg": 65.0}}
     persons = [{"body": {"random_seed": 100 * seed + n}, "motion": motion_of(kind, n, cameras)} for n in range(people)]
-    scene = scene_from({"duration_s": seconds, "rate_hz": RATE_HZ, "seed": seed, "cameras": ring, "people": persons})
+    # who leaves walks on, past the cameras
+    room = {"size_m": [18.0, 18.0]} if kind == "leaving" else {}
+    scene = scene_from(
+        {"duration_s": seconds, "rate_hz": RATE_HZ, "seed": seed, "cameras": ring, "people": persons, "room": room}
+    )
     return rendered(scene, kept / f"{name}-{seed}-{seconds:g}s", processes=None)
 
 
