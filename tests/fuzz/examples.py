@@ -30,7 +30,7 @@ from posefuse.formats.truth import read_truth
 from posefuse.formats.video import VideoWriter
 from posefuse.pipeline.config import read_config
 from posefuse.sources import ImagesConfig, VideoConfig
-from posefuse.tracking.stand_in import made_up_person
+from posefuse.tracking.warm_up import made_up_person
 from posefuse_sim.motion.bvh import read_bvh
 from posefuse_sim.scene import read_scene
 

@@ -17,7 +17,7 @@ from posefuse.formats.gltf import write_gltf
 from posefuse.kinematics import joints_from_poses
 from posefuse.kinematics.animation import FILE_FROM_WORLD, animation_from_joints, animation_gap
 from posefuse.kinematics.definitions import NOSE_BELOW_RAD
-from posefuse.kinematics.sides import landmarks
+from posefuse.kinematics.side_clues import landmarks
 from posefuse.kinematics.skin import length_names, skin_of, template
 from posefuse_sim.motion.bvh import read_bvh
 

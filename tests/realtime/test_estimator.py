@@ -15,7 +15,7 @@ from posefuse.detection import read_card
 from posefuse.formats.joint_centres import read_joint_centres
 from posefuse.realtime.config import KeypointGateSettings
 from posefuse.realtime.estimator import Centring, Estimator, KeypointGate, NamedTracker, _known_to, worst_sigma_m
-from posefuse.realtime.fusion import Fusion
+from posefuse.realtime.fusion_loop import Fusion
 from posefuse.realtime.group import search_slot
 from posefuse.realtime.messages import Expected, SessionClock
 from posefuse.tracking import at_joint_centres

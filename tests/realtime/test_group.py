@@ -30,7 +30,7 @@ from posefuse.realtime import group as group_module
 from posefuse.realtime.capture import Capture, Caught, LiveInput
 from posefuse.realtime.config import LiveConfig
 from posefuse.realtime.estimator import warmed_up
-from posefuse.realtime.fusion import Fusion
+from posefuse.realtime.fusion_loop import Fusion
 from posefuse.realtime.group import Group, GroupPlan, SearchSchedule, search_slot
 from posefuse.realtime.messages import Expected, LivePlan, SeenView, SessionClock
 from posefuse.realtime.networks import on_device

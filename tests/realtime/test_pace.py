@@ -21,10 +21,10 @@ from posefuse.core import CameraHealth, Detections2D, JointCentres
 from posefuse.core.skeleton import COCO17
 from posefuse.foundation.channel import Channel
 from posefuse.foundation.worker import Worker
-from posefuse.health.cameras import Monitor
+from posefuse.health.camera_monitor import Monitor
 from posefuse.realtime import news, processes
 from posefuse.realtime.messages import KeepVideos, Ready, SessionClock, Status, Stop
-from posefuse.realtime.news import News, ProcessedImages, never_waiting
+from posefuse.realtime.notices import News, ProcessedImages, never_waiting
 from posefuse.realtime.session import closing_lines
 
 S = 1_000_000_000

@@ -26,7 +26,7 @@ from posefuse.realtime import group as group_module
 from posefuse.realtime.capture import LOOP_PAUSE_S
 from posefuse.realtime.config import LiveConfig
 from posefuse.realtime.estimator import warmed_up
-from posefuse.realtime.fusion import Fusion
+from posefuse.realtime.fusion_loop import Fusion
 from posefuse.realtime.messages import Ready, SeenView
 from posefuse.realtime.processes import Groups
 from posefuse.realtime.rig_watch import RigWatch, RigWatcher, Watched, watching

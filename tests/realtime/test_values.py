@@ -19,7 +19,7 @@ from posefuse.cli import main as cli
 from posefuse.cli.stopping import NO_PERSON_CODE
 from posefuse.core import CameraHealth, Detections2D, Skeleton, SourceError
 from posefuse.foundation.channel import Channel, ChannelClosed
-from posefuse.health.cameras import Monitor
+from posefuse.health.camera_monitor import Monitor
 from posefuse.realtime.capture import Capture, Caught, LiveInput, take_all
 from posefuse.realtime.inputs import inputs_from_arguments
 from posefuse.realtime.latency import Histogram, Latencies, ViewTimes

@@ -15,7 +15,7 @@ pytest.importorskip("cyclonedds")
 
 from posefuse.core.skeleton import BLAZEPOSE33
 from posefuse.formats.rig import read_rig
-from posefuse.tracking.stand_in import made_up_detections
+from posefuse.tracking.warm_up import made_up_detections
 from posefuse_ros import topics
 from posefuse_ros.dds import RosNode
 from posefuse_ros.dds_domain import Network

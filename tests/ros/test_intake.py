@@ -11,12 +11,12 @@ from no_outputs import KeptOutputs, NoOutputs
 
 from posefuse.core import SKELETONS, CameraHealth, Detections2D, JointCentres, LiveJointCentres, LivePose, Rig, Skeleton
 from posefuse.core.skeleton import BLAZEPOSE33
-from posefuse.health.cameras import Monitor
+from posefuse.health.camera_monitor import Monitor
 from posefuse.realtime.config import LiveConfig
 from posefuse.realtime.estimator import warmed_up
-from posefuse.realtime.fusion import Fusion
+from posefuse.realtime.fusion_loop import Fusion
 from posefuse.realtime.messages import SeenView
-from posefuse.tracking.stand_in import made_up_detections
+from posefuse.tracking.warm_up import made_up_detections
 from posefuse_ros.camera_messages import message_from_joint_centres
 from posefuse_ros.messages import message_from_detections
 from posefuse_ros.network_views import Sample, Senders, ViewIntake

@@ -26,7 +26,7 @@ from posefuse.core import JointCentres, LiveJointCentres, LiveStart, Rig, Source
 from posefuse.core.skeleton import COCO17
 from posefuse.realtime.config import LiveConfig
 from posefuse.realtime.estimator import Centring, Estimator
-from posefuse.realtime.fusion import Fusion
+from posefuse.realtime.fusion_loop import Fusion
 from posefuse.realtime.messages import SeenView, SessionClock
 from posefuse_ros import topics
 from posefuse_ros.camera_info import publish_intrinsics, rig_of_nodes

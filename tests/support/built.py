@@ -30,7 +30,7 @@ from posefuse.core.skeleton import COCO17
 from posefuse.core.values import keypoint_boxes
 
 if TYPE_CHECKING:
-    from posefuse.health.cameras import CameraState, Monitor
+    from posefuse.health.camera_monitor import CameraState, Monitor
     from posefuse.realtime.messages import SeenView
 
 Point = tuple[float, float, float]
@@ -338,7 +338,7 @@ def of_white_jerk(count: int, people: int, dt: float, density: float, rng: np.ra
 
 def camera_state(camera: str, captured: int, used: int, **others: Any) -> "CameraState":
     """Of a camera that runs; frames that were not used were replaced by newer ones."""
-    from posefuse.health.cameras import CameraState
+    from posefuse.health.camera_monitor import CameraState
 
     stated = {"state": "running", "replaced": captured - used}
     return CameraState(camera=camera, captured=captured, used=used, **(stated | others))

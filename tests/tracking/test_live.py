@@ -18,7 +18,7 @@ from posefuse.tracking.online import LiveSettings, Model, Tracker
 from posefuse.tracking.online import person as of_one_person
 from posefuse.tracking.online.cross_check import CrossCheck
 from posefuse.tracking.settings import LASTING_S, LASTING_SHARE
-from posefuse.tracking.stand_in import made_up_detections
+from posefuse.tracking.warm_up import made_up_detections
 
 LATE_S = 0.07
 # where no error lasts from frame to frame

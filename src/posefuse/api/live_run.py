@@ -23,10 +23,10 @@ from posefuse.foundation.parsing import plain
 from posefuse.foundation.plugins import plugin_config
 from posefuse.foundation.settings import settings_from_mapping
 from posefuse.foundation.summary import MISSING, Block, Facts, Heading, Note, Table, number_text
-from posefuse.health.cameras import Event
+from posefuse.health.camera_monitor import Event
 from posefuse.pipeline.config import read_changed
 from posefuse.realtime.config import LiveConfig, RunOptions
-from posefuse.realtime.fusion import Fusion
+from posefuse.realtime.fusion_loop import Fusion
 from posefuse.realtime.inputs import check_ros_is_used, inputs_from_arguments, rig_of_inputs, shown_again
 from posefuse.realtime.latency import STAGES
 from posefuse.realtime.messages import LivePlan

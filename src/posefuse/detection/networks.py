@@ -1,5 +1,8 @@
 """Detectors by networks: what all have in common, and the plug-in ``onnx``, a user's network by its model card.
 
+A network is added by a card (`detection/cards` lists ours), one of another layout in `detection.decode`, and another kind of
+detector by an entry point of `posefuse.detectors` (docs/howto/plugins.md).
+
 People are in regions that are given, or all who are found in whole images. A user's network looks at one person per crop
 (top-down) or at the whole image at once.
 """

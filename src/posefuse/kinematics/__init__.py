@@ -8,6 +8,6 @@ if TYPE_CHECKING:
     from .definitions import JOINT_NAMES, JOINTS, SEGMENT_NAMES, SEGMENTS, undefined_angles, undefined_segments
     from .joints import JointTracker, Reason, joints_from_poses, reasons_from_poses
     from .settings import JointSettings
-    from .sides import check_sides, facing_votes
+    from .side_clues import check_sides, facing_votes
 
 __getattr__ = lazy_names(__name__, __file__)

@@ -15,7 +15,7 @@ from posefuse.core.poses import evenly_spaced
 from posefuse.core.skeleton import SIDES
 from posefuse.formats.bvh import BvhData
 
-from .sides import landmarks
+from .side_clues import landmarks
 
 FILE_FROM_WORLD = np.array([[0.0, 1, 0], [0, 0, 1], [1, 0, 0]])
 FILE_FROM_SEGMENT = np.array([[0.0, 0, -1], [0, 1, 0], [1, 0, 0]])

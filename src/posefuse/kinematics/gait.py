@@ -18,7 +18,7 @@ from posefuse.core import PoseSequence
 from posefuse.core.arrays import Array
 from posefuse.core.skeleton import SIDES
 
-from .sides import landmarks
+from .side_clues import landmarks
 
 _SLOWEST_M_S = 0.25
 _SMOOTH_S = 0.14

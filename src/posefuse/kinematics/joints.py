@@ -25,7 +25,7 @@ from .definitions import (
     undefined_angles,
 )  # fmt: skip
 from .settings import JointSettings
-from .sides import check_sides
+from .side_clues import check_sides
 
 # Why an angle is not there.
 

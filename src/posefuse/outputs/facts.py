@@ -1,4 +1,4 @@
-"""What every output states about a recording: how it was made, its rate, the uncertainty of a point."""
+"""What every output states about a recording: how it was made, its rate, who each file is of."""
 
 from __future__ import annotations
 

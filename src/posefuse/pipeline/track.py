@@ -43,7 +43,7 @@ from posefuse.health.misalignment import disagreement, noise_scale
 from posefuse.health.recorded import checked_rig
 from posefuse.sources.video import recorded_at
 from posefuse.tracking import smooth
-from posefuse.tracking.stand_in import made_up_detections
+from posefuse.tracking.warm_up import made_up_detections
 
 from .config import TrackConfig
 from .following import FollowedLog, PeopleFollower, StageClock

@@ -13,7 +13,7 @@ from typing import Any
 
 from posefuse.core import Camera, Frame, PosefuseError, Source, SourceError
 from posefuse.foundation.parsing import one_line
-from posefuse.health.cameras import CameraState
+from posefuse.health.camera_monitor import CameraState
 
 from .video_keeping import VideoKeeper
 

@@ -22,7 +22,7 @@ from posefuse.kinematics.body import FEWEST_SEEN, LIVE_BODY, Length, LiveBody, L
 from posefuse.kinematics.joints import FrameBuffers
 from posefuse.tracking import LearntLengths, at_joint_centres, usual_lengths
 from posefuse.tracking.online import MOTION, CameraStatistics, Evidence, LiveMotion, LiveSettings, Model, Tracker
-from posefuse.tracking.stand_in import made_up_detections
+from posefuse.tracking.warm_up import made_up_detections
 
 from .config import KeypointGateSettings, LiveConfig
 

@@ -17,7 +17,7 @@ import numpy as np
 from posefuse.core import CameraHealth, Detections2D, JointCentres, LiveJointCentres, LiveOutputConfig, Rig, Skeleton
 from posefuse.core.arrays import Array
 from posefuse.foundation.channel import Channel
-from posefuse.health.cameras import CameraState
+from posefuse.health.camera_monitor import CameraState
 
 if TYPE_CHECKING:
     from .capture import LiveInput

@@ -27,7 +27,7 @@ from posefuse.core.live_messages import FAILED, OK
 from posefuse.formats.recording import rig_values
 from posefuse.foundation.channel import Channel, ChannelClosed
 from posefuse.foundation.worker import Worker
-from posefuse.health.cameras import Event
+from posefuse.health.camera_monitor import Event
 
 from .config import LiveConfig
 from .messages import LivePlan, RemoveOutput, SessionClock, Stop

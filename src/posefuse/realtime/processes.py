@@ -16,7 +16,7 @@ from posefuse.foundation.worker import Worker
 
 from .group import GroupPlan, run_group
 from .messages import CannotStart, Expected, Go, KeepVideos, Ready, SessionClock, ShowImages, Status, Stop
-from .news import ProcessedImages
+from .notices import ProcessedImages
 from .video_keeping import FINISH_S
 
 START_S = 120.0

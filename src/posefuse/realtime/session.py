@@ -28,7 +28,7 @@ from posefuse.kinematics import JointTracker
 
 from .capture import LiveInput, keeping_packets
 from .estimator import warmed_up
-from .fusion import Fusion
+from .fusion_loop import Fusion
 from .group import GroupPlan
 from .inputs import rig_of_inputs
 from .messages import (
@@ -44,7 +44,7 @@ from .messages import (
     ViewSource,
 )
 from .networks import devices_of, on_device, settled_network
-from .news import LEAST_CAMERAS, LEAST_SHARE, News, Say, never_waiting
+from .notices import LEAST_CAMERAS, LEAST_SHARE, News, Say, never_waiting
 from .outputs import OutputProcess, SessionReader
 from .processes import Groups
 from .rig_watch import watching

@@ -16,7 +16,7 @@ from posefuse.calibration.targets.detection import Corners, TargetDetector
 from posefuse.calibration.targets.kinds import Target
 from posefuse.core import Closing, Frame, Rig, SourceError
 from posefuse.core.arrays import Array
-from posefuse.health.cameras import CameraState
+from posefuse.health.camera_monitor import CameraState
 
 from .capture import Capture, LiveInput, keeping_packets
 from .messages import SessionClock

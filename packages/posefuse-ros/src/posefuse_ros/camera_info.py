@@ -15,7 +15,7 @@ from posefuse.core.arrays import Array
 from posefuse.core.ideal_image import drawn_camera, has_lens, optics_of
 from posefuse.realtime.capture import LiveInput
 from posefuse.realtime.config import CameraInfoUse
-from posefuse.realtime.news import Say
+from posefuse.realtime.notices import Say
 
 from . import topics
 from .camera_messages import CAMERA_INFO_TYPE, camera_from_info, info_from_camera

@@ -16,7 +16,7 @@ from posefuse.core import SE3, SKELETONS, Camera, Detections2D, JointAngles, Kin
 from posefuse.core.arrays import Array
 from posefuse.core.joint_angles import angle_labels
 from posefuse.core.skeleton import pick_keypoints
-from posefuse.health.cameras import CameraState
+from posefuse.health.camera_monitor import CameraState
 
 from .bodies import JOINTS
 from .types import message

@@ -14,11 +14,11 @@ from dataclasses import dataclass, replace
 from posefuse.core import Closing, Detections2D, LiveJointCentres, Rig, Skeleton, SourceError
 from posefuse.core.skeleton import BLAZEPOSE33
 from posefuse.foundation.channel import Channel, ChannelClosed
-from posefuse.health.cameras import CameraState
+from posefuse.health.camera_monitor import CameraState
 from posefuse.realtime.config import LiveConfig
 from posefuse.realtime.estimator import warmed_up
 from posefuse.realtime.messages import SeenView, SessionClock, ViewSource
-from posefuse.realtime.news import Say
+from posefuse.realtime.notices import Say
 
 from . import topics
 from .camera_info import NodeIntrinsics

@@ -17,12 +17,12 @@ from posefuse.foundation.channel import wait_any
 from posefuse.foundation.output_folder import check_replaceable
 from posefuse.foundation.parsing import ros_name
 from posefuse.foundation.summary import Facts, Heading
-from posefuse.health.cameras import Monitor
-from posefuse.realtime.fusion import velocity_between
+from posefuse.health.camera_monitor import Monitor
+from posefuse.realtime.fusion_loop import velocity_between
 from posefuse.realtime.inputs import check_any, rig_of_inputs
 from posefuse.realtime.messages import Expected, SeenView, SessionClock, Status
 from posefuse.realtime.networks import fetch_networks, settled_network
-from posefuse.realtime.news import never_waiting
+from posefuse.realtime.notices import never_waiting
 from posefuse.realtime.processes import Groups
 from posefuse.realtime.session import group_plans, run_session, stop_requests
 

@@ -12,7 +12,7 @@ from posefuse.core.skeleton import LIMB_ENDS, SIDES
 from posefuse.kinematics.definitions import SEGMENT_NAMES, X, Y, Z, landmark_pairs
 from posefuse.kinematics.joints import joints_from_poses
 from posefuse.kinematics.settings import BodySettings
-from posefuse.kinematics.sides import landmarks
+from posefuse.kinematics.side_clues import landmarks
 
 from .tree_kernels import BALL, HINGE, SLIDE, Tree
 

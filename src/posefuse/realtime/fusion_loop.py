@@ -22,7 +22,7 @@ from posefuse.core import (
 )
 from posefuse.core.arrays import Array
 from posefuse.foundation.channel import wait_any
-from posefuse.health.cameras import Monitor
+from posefuse.health.camera_monitor import Monitor
 from posefuse.kinematics import JointTracker
 
 from .estimator import Estimator

@@ -9,9 +9,9 @@ from contextlib import contextmanager, suppress
 from typing import TypeVar
 
 from posefuse.core.protocols import NOISE_NOT_FITTED
-from posefuse.health.cameras import OK, Event
+from posefuse.health.camera_monitor import OK, Event
 
-from .fusion import Fusion
+from .fusion_loop import Fusion
 from .messages import Status
 from .outputs import PROCESS
 
