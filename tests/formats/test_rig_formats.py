@@ -46,7 +46,8 @@ def rigs(draw: st.DrawFn) -> Rig:
         fx = rng.uniform(900, 2000)
         K = np.array([[fx, rng.normal(), rng.uniform(100, 900)], [0, fx * rng.uniform(0.7, 1.4), 377.7], [0, 0, 1]])
         pose = SE3(rng.normal(size=4), rng.normal(size=3) * 5)
-        lens = rng.normal(size=count) * 0.02
+        # however they add up, no image is folded
+        lens = rng.uniform(-0.005, 0.005, count)
         sensor = {"size_wh": (1280, 720 + i), "readout_s": draw(st.sampled_from([0.0, 0.0123]))}
         model = "fisheye" if is_fisheye else "pinhole"
         cameras.append(Camera(name=f"cam_{i}", K=K, cam_from_world=pose, distortion=lens, model=model, **sensor))
