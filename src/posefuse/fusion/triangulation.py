@@ -1,4 +1,7 @@
-"""Views of one time step, or raw pixels of several calibrated cameras, to 3D points with covariance, by any weights."""
+"""Views of one time step, or raw pixels of several calibrated cameras, to 3D points with covariance, by any weights.
+
+Which views are rejected is decided in `kernels.robust`.
+"""
 
 from __future__ import annotations
 

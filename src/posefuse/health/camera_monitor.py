@@ -1,6 +1,6 @@
 """Camera health: which camera is faulty, and the kind of fault, from the content and arrival times of its frames.
 
-No clock inside: times come as data.
+No clock inside: times come as data. A camera that moved is found by what it sees of people: `health.rig_monitor`.
 """
 
 from __future__ import annotations
