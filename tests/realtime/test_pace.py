@@ -22,7 +22,7 @@ from posefuse.core.skeleton import COCO17
 from posefuse.foundation.channel import Channel
 from posefuse.foundation.worker import Worker
 from posefuse.health.camera_monitor import Monitor
-from posefuse.realtime import news, processes
+from posefuse.realtime import notices, processes
 from posefuse.realtime.messages import KeepVideos, Ready, SessionClock, Status, Stop
 from posefuse.realtime.notices import News, ProcessedImages, never_waiting
 from posefuse.realtime.session import closing_lines
@@ -242,7 +242,7 @@ def test_videos_switched_on_during_a_session_are_finished_at_its_end(
 
 
 def test_a_reader_that_has_stopped_keeps_no_one_waiting(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(news, "_END_S", 0.1)
+    monkeypatch.setattr(notices, "_END_S", 0.1)
     goes_on = threading.Event()
     with never_waiting(lambda line: goes_on.wait(60)) as say:
         for i in range(5000):
