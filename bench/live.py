@@ -8,6 +8,7 @@ network's landmarks as they are, not moved to joint centres. *every frame* is wh
 never drops a frame would give after the same delay: 2D poses of all frames, made beforehand, through the same tracker.
 """
 
+import shutil
 import tempfile
 from collections.abc import Sequence
 from dataclasses import replace
@@ -85,7 +86,7 @@ def played_live(rig: Path, sources: Sequence[str], session: Path, seconds: float
 
 
 def twins(session: Path, path: Path) -> list[str]:
-    """A rig with every camera and a twin of it, and the videos as sources; a rig file refuses two cameras at one place."""
+    """A rig with every camera and a twin of it, and the videos as sources: no place and no file serves two cameras."""
     rig = read_rig(session / "rig.toml")
     names = ("", TWIN)
     cameras = [
@@ -94,7 +95,9 @@ def twins(session: Path, path: Path) -> list[str]:
         for c in rig.cameras
     ]
     write_rig(path, replace(rig, cameras=tuple(cameras)))
-    return [f"{source.partition('=')[0]}{twin}={source.partition('=')[2]}" for source in sources_of(session) for twin in names]
+    videos = sorted((session / "videos").glob("*.mp4"))
+    copies = [Path(shutil.copy(video, path.with_name(f"{video.stem}{TWIN}.mp4"))) for video in videos]
+    return [*sources_of(session), *(f"{copy.stem}=video:{copy}" for copy in copies)]
 
 
 def main() -> None:
