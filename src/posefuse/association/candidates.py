@@ -136,14 +136,14 @@ def joint_points(candidates: Candidates, members: Array, tolerance_m: float) -> 
     weight, centre, ray = candidates.score[members] ** 2, candidates.centre[members, None], candidates.direction[members]
     # what of a vector lies across each ray (M, K, 3, 3)
     across = np.where((weight > 0)[..., None, None], np.eye(3) - ray[..., None] * ray[..., None, :], 0.0)
-    counts = weight[..., None, None]
+    at, counts = across @ centre[..., None], weight[..., None, None]
     for _ in range(_ROUNDS):
         # a little stiffer: parallel rays leave one direction open
         information = (counts * across).sum(axis=0) + 1e-9 * np.eye(3)
-        xyz = np.linalg.solve(information, (counts * (across @ centre[..., None])).sum(axis=0))[..., 0]
-        miss_m = np.linalg.norm((across @ (xyz - centre)[..., None])[..., 0], axis=-1)
+        xyz = np.linalg.solve(information, (counts * at).sum(axis=0))
+        miss_m = np.linalg.norm((across @ xyz - at)[..., 0], axis=-1)
         counts = (weight / (1 + (3 * miss_m / tolerance_m) ** 2))[..., None, None]
-    return np.where((weight > 0).sum(axis=0)[:, None] > 1, xyz, np.nan)
+    return np.where((weight > 0).sum(axis=0)[:, None] > 1, xyz[..., 0], np.nan)
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
