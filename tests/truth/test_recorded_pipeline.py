@@ -26,7 +26,7 @@ def test_the_clip_is_tracked_to_its_truth_and_every_file_is_there(demo_session: 
     got = figures(capsys, "track", demo_session, "--out", out, "--end", 2.0)
     assert (got["cameras"], got["time_steps"], got["people"]) == (4, 61, 1)
     assert min(one["seen"] for one in got["camera_fits"].values()) > 0.98
-    assert got["mpjpe_mm"] < 1.1 * 12.1  # `make demo` prints 12.1
+    assert got["mpjpe_mm"] < 1.1 * 12.1  # `make demo` prints 12.1 or 12.2, by the processor
     assert sorted(path.name for path in out.iterdir()) == sorted([*got["files"], MARK_FILE])
     assert {"pose.trc", "pose.c3d", "pose.csv", "overlay.mp4", "overview.png"} <= set(got["files"])
     recording = read_recording(out)
