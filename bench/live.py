@@ -33,7 +33,6 @@ _SETTLED_S = 1.5
 TWIN = "_twin"
 # by so much a twin stands next to its camera, as a rig file takes no two cameras at one place
 _ASIDE_M = 0.005
-_UPRIGHT = np.array([1.0, 0.0, 0.0, 0.0])
 _NETWORK = "detector.options.landmarks"
 # cameras, and settings of the session
 SCENARIOS = {
@@ -88,16 +87,13 @@ def played_live(rig: Path, sources: Sequence[str], session: Path, seconds: float
 def twins(session: Path, path: Path) -> list[str]:
     """A rig with every camera and a twin of it, and the videos as sources: no place and no file serves two cameras."""
     rig = read_rig(session / "rig.toml")
-    names = ("", TWIN)
-    cameras = [
-        replace(c, name=f"{c.name}{name}", cam_from_world=SE3(_UPRIGHT, np.array([i * _ASIDE_M, 0.0, 0.0])) @ c.cam_from_world)
-        for i, name in enumerate(names)
-        for c in rig.cameras
-    ]
-    write_rig(path, replace(rig, cameras=tuple(cameras)))
-    videos = sorted((session / "videos").glob("*.mp4"))
-    copies = [Path(shutil.copy(video, path.with_name(f"{video.stem}{TWIN}.mp4"))) for video in videos]
-    return [*sources_of(session), *(f"{copy.stem}=video:{copy}" for copy in copies)]
+    aside = rig.moved(SE3.from_rotvec(np.zeros(3), np.array([_ASIDE_M, 0.0, 0.0])))
+    twin = aside.renamed({name: f"{name}{TWIN}" for name in rig.names})
+    write_rig(path, replace(rig, cameras=(*rig.cameras, *twin.cameras)))
+    (copies := path.with_name("videos")).mkdir()
+    for video in (session / "videos").glob("*.mp4"):
+        shutil.copy(video, copies / f"{video.stem}{TWIN}.mp4")
+    return [*sources_of(session), *sources_of(path.parent)]
 
 
 def main() -> None:

@@ -53,10 +53,8 @@ def session_of(name: str, seed: int, seconds: float, kept: Path) -> Path:
     persons = [{"body": {"random_seed": 100 * seed + n}, "motion": motion_of(kind, n, cameras)} for n in range(people)]
     # who leaves walks on, past the cameras
     room = {"size_m": [18.0, 18.0]} if kind == "leaving" else {}
-    scene = scene_from(
-        {"duration_s": seconds, "rate_hz": RATE_HZ, "seed": seed, "cameras": ring, "people": persons, "room": room}
-    )
-    return rendered(scene, kept / f"{name}-{seed}-{seconds:g}s", processes=None)
+    scene = {"duration_s": seconds, "rate_hz": RATE_HZ, "seed": seed, "cameras": ring, "people": persons, "room": room}
+    return rendered(scene_from(scene), kept / f"{name}-{seed}-{seconds:g}s", processes=None)
 
 
 def row_of(poses: PoseSequence, truth: Truth, rate_hz: float) -> Row:

@@ -148,7 +148,8 @@ def test_lenses_and_places_from_real_footage(shared_data: Path, tmp_path: Path, 
     offsets = [f"--offset-ms=cam_{i}={figures[f'cam_{i}_offset_ms']}" for i in range(4)]
     assert run("verify", *board, "--rig", str(rig), *offsets, *videos)["length_rms_mm"] < 1.2
     refused = tmp_path / "refused.toml"
-    with pytest.raises(RefusedCalibration, match=r"the clock of cam_1 is off by \+1\d\d\.\d ms"):
+    # it ran at 10 Hz and was read at 6 Hz
+    with pytest.raises(RefusedCalibration, match="the time stamps of cam_1 are irregular"):
         out = ("--out", str(refused), "--report", str(refused.with_suffix(".html")))
         run("extrinsics", *board, "--intrinsics", lenses, "--clocks", "together", *out, *videos)
     assert not refused.exists()
