@@ -77,9 +77,9 @@ def processor_of(device: str) -> str:
     return subprocess.run(query, capture_output=True, text=True, timeout=_NAMED_S, check=False).stdout.strip() or device
 
 
-def decode_ms(film: Path) -> float:
+def decode_ms(video: Path) -> float:
     """Mean time per image of decoding the first images of a video, with nothing else to do."""
-    frames = VideoConfig(film, film.stem, threads=False).build().frames()
+    frames = VideoConfig(video, video.stem, threads=False).build().frames()
     began_s = time.perf_counter()
     count = sum(1 for frame in itertools.islice(frames, _DECODED) if frame.image.size)
     return 1000 * (time.perf_counter() - began_s) / max(count, 1)
