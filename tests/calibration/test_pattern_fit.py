@@ -55,6 +55,18 @@ def test_markers_come_out_where_they_are_and_as_large_as_they_are(gamma: float, 
     assert abs(float(np.mean(growth))) < most_growth
 
 
+def test_a_marker_seen_askew_keeps_its_size() -> None:
+    # its blur is as wide along both diagonals, one of which is three times as long as the other
+    longer = []
+    for seed in range(6):
+        turn, middle = 0.4 * seed, np.array([45.0, 45.0]) + np.random.default_rng(seed).uniform(0, 1, 2)
+        long, short = 28 * np.array([np.cos(turn), np.sin(turn)]), 28 / 3 * np.array([-np.sin(turn), np.cos(turn)])
+        quad = middle + [-long, -short, long, short]
+        found = fit_marker(drawn(quad, (90, 90), seed=seed), quad + 0.2, BLACK)
+        longer.append(np.linalg.norm(found[2] - found[0]) / 56 - 1)
+    assert abs(float(np.mean(longer))) < 0.004
+
+
 @pytest.mark.parametrize("side", [300, 600])
 def test_every_edge_of_a_large_sharp_marker_counts(side: int) -> None:
     # edges along the pixel rows: every n-th pixel may miss them, by up to its step

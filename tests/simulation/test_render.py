@@ -11,6 +11,8 @@ from checks import refusal
 from running import python
 from scenes import PLAIN_ROOM, listed, scene, still
 
+from posefuse.calibration.targets.detection import TargetDetector
+from posefuse.calibration.targets.kinds import Markers
 from posefuse.core import SE3, DependencyError, Frame, InputError
 from posefuse.core.skeleton import ANATOMICAL23, pick_keypoints
 from posefuse.detection.blazepose import BlazePoseConfig
@@ -80,6 +82,20 @@ def test_noise_has_its_size_and_its_seed(shots):
     inner = (clean > 30) & (clean < 220)
     expected = 4.0 * np.sqrt(0.25 + 0.75 * clean / 118)
     assert ((images[0].astype(float) - clean) / expected)[inner].std() == pytest.approx(1.0, rel=0.03)
+
+
+@pytest.mark.gl
+def test_what_is_printed_on_a_prop_is_as_sharp_on_a_side_seen_askew(shots):
+    cube = {"kind": "aruco_cube", "side_m": 0.36, "marker_m": 0.28, "path": still([0.0, 0.0, 0.9])}
+    eyes = [{**_EYE, "position_m": [2.2, 0.4 + 0.1 * i, 1.5 + 0.1 * i]} for i in range(6)]
+    off = []
+    for eye in eyes:
+        live, [shot] = shots(scene(cameras=listed(eye), props=[cube], room=PLAIN_ROOM), 0)
+        truth = seen_points(live, 0, slice(0, 1)).xy_img[0]
+        found = TargetDetector(Markers(0.28)).detect(shot.image[..., 1])
+        assert len(found.patch) >= 8
+        off.extend(np.abs(found.xy_img - truth[4 * found.patch + found.corner]).max(axis=1))
+    assert np.mean(off) < 0.05
 
 
 def test_moments_cover_the_rows_once_and_the_readout_symmetrically():

@@ -3,7 +3,7 @@
 Of a loose marker: a blurred corner is rounded and a blurred edge is drawn aside by the edge next to it, by a few hundredths of
 a px each: outwards on all four sides, that makes a marker of 30 px some tenths of a per cent too large, and with it the whole
 room. Here the blur is part of what is fitted (Gauss-Newton on grey values, after Lucas and Kanade 1981), and the edges of the
-bits inside, which blur moves the other way, hold the size.
+bits inside, which blur moves the other way, hold the size. Where a marker is seen askew, blur along its sides is correlated.
 
 Of a ChArUco board: OpenCV refines a corner by the edges that meet in it, in a window that stays clear of the markers. In a small
 or oblique square that leaves a few pixels, and the corner is off by 0.2 px, some by 1 px. Here the board is drawn as it lies,
@@ -17,7 +17,7 @@ from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
-from scipy.special import ndtr
+from scipy.special import factorial, ndtr
 
 from posefuse.core.arrays import SIGMA_PER_MAD, Array
 
@@ -29,7 +29,7 @@ _MOST_PIXELS = 3000
 # pixels along the edges of a marker of more than that: so far from an edge on both sides, in px or in spreads of the blur
 _EDGE_PIXELS, _EDGE_PX, _EDGE_SPREADS, _EDGE_ACROSS = 6000, 3.0, 2.5, 9
 # the first rounds look at every third pixel
-_ROUGH_ROUNDS, _ROUGH_STEP, _ROUNDS, _SETTLED_PX = 3, 3, 10, 0.005
+_ROUGH_ROUNDS, _ROUGH_STEP, _ROUNDS, _SETTLED_PX = 3, 3, 10, 0.02
 _FIRST_BLUR, _LEAST_BLUR, _MOST_BLUR = 0.3, 0.02, 0.8
 # and no image is sharper than its pixels
 _LEAST_BLUR_PX = 0.3
@@ -38,6 +38,10 @@ _BLUR_SIGMA, _TONE_SIGMA = 1.0, 0.4
 # a lens bends a marker of half-side s px in an image of w px by about this times s^2 / w
 _BEND_SHARE = 0.08
 _LEAST_CONTRAST_DN = 12.0
+# of a series; the next, at most the fourth part of a correlation to the fourth, moves no corner by 0.03 px
+_TERMS = 4
+# of their derivatives by u and v
+_PAIRS = ((0, 0), (0, 1), (0, 2), (1, 0), (2, 0))
 # this share of the pixels lies within this share of the contrast, or it is not that marker (fingers may hide the rest);
 # and its corners within this share of a module of where they were read
 _FITTING_SHARE, _MOST_MISFIT, _MOST_MOVED = 0.85, 0.15, 0.8
@@ -199,17 +203,14 @@ def _predict(look: _Look, xy: Array, black: Array) -> tuple[Array, Array]:
     share = 0.75 * ((_moved(inverse, xy) ** 2).sum(axis=1) - 2 / 3)
     flat = xy - share[:, None] * look.bend
     uv = _moved(inverse, flat)
-    place = (uv + 1) * modules / 2
-    across, d_across, s_across = _membership(place[:, 0], float(np.exp(look.blur[0])), modules)
-    down, d_down, s_down = _membership(place[:, 1], float(np.exp(look.blur[1])), modules)
-    rows, d_rows, s_rows = down @ black, d_down @ black, s_down @ black
-    white = np.clip(1 - (rows * across).sum(axis=1), 1e-3, 1.0)
+    black_share, per_place, per_spread = _blurred(black, (uv + 1) * modules / 2, np.exp(look.blur), _askew(inverse, uv))
+    white = np.clip(1 - black_share, 1e-3, 1.0)
     exponent = float(np.exp(look.tone))
     tone = white**exponent
     rise = look.levels[1] + uv @ look.levels[2:]
     per_white = rise * exponent * tone / white
-    per_uv = -per_white[:, None] * np.stack([(rows * d_across).sum(axis=1), (d_rows * across).sum(axis=1)], axis=1) * modules / 2
-    per_blur = -per_white[:, None] * np.stack([(rows * s_across).sum(axis=1), (s_rows * across).sum(axis=1)], axis=1)
+    per_uv = -per_white[:, None] * per_place * modules / 2
+    per_blur = -per_white[:, None] * per_spread
     jacobian = np.concatenate([
         _place_jacobian(per_uv, uv, flat, inverse, look.px_from_uv, share),
         per_blur,
@@ -232,12 +233,38 @@ def _place_jacobian(per_uv: Array, uv: Array, flat: Array, inverse: Array, px_fr
     return np.concatenate([-per_px[:, :1] * one, -per_px[:, 1:] * one, tilt, -per_px * share[:, None]], axis=1)
 
 
-def _membership(place: Array, spread: float, modules: int) -> tuple[Array, Array, Array]:
-    """The share of each module (N, n) in a blurred sample at a position (N,); its derivatives by position and log blur."""
-    z = (place[:, None] - np.arange(modules + 1)) / spread
-    step, bell = ndtr(z), np.exp(-(z**2) / 2) / np.sqrt(2 * np.pi)
-    fall = z * bell
-    return step[:, :-1] - step[:, 1:], (bell[:, :-1] - bell[:, 1:]) / spread, fall[:, 1:] - fall[:, :-1]
+def _askew(inverse: Array, uv: Array) -> Array:
+    """(N,) cosine of the angle between the directions of the image in which u and v grow fastest, at places uv (N, 2)."""
+    u_grows, v_grows = (inverse[i, :2] - uv[:, i, None] * inverse[2, :2] for i in (0, 1))
+    return np.asarray((u_grows * v_grows).sum(axis=1) / np.linalg.norm(u_grows, axis=1) / np.linalg.norm(v_grows, axis=1))
+
+
+def _blurred(black: Array, place: Array, spread: Array, askew: Array) -> tuple[Array, Array, Array]:
+    """Share of black (N,) in blurred samples at places (N, 2) in modules; its derivatives (N, 2) by place and log spread.
+
+    Blur that is as wide in all directions of the image is correlated along the sides of a marker that is seen askew, by
+    `askew` (N,): Mehler's series of the bivariate normal distribution.
+    """
+    edges = np.diff(np.diff(np.pad(black, 1), axis=0), axis=1)
+    across, down = (_steps(place[:, i], float(spread[i]), len(edges)) for i in (0, 1))
+    rows, order = down @ edges, np.arange(_TERMS)[:, None]
+    weight = askew**order / factorial(order)
+    share, d_across, s_across, d_down, s_down = (
+        weight * np.einsum("tni,tni->tn", rows[a : a + _TERMS], across[b : b + _TERMS]) for a, b in _PAIRS
+    )
+    per_place = np.stack([d_across.sum(axis=0), d_down.sum(axis=0)], axis=1) / spread
+    per_spread = np.stack([(s_across + order * share).sum(axis=0), (s_down + order * share).sum(axis=0)], axis=1)
+    return share.sum(axis=0), per_place, per_spread
+
+
+def _steps(place: Array, spread: float, edges: int) -> Array:
+    """(_TERMS + 2, N, edges) the normal distribution and its derivatives, at positions (N,) seen from each edge."""
+    z = (place[:, None] - np.arange(edges)) / spread
+    terms = np.empty((_TERMS + 2, *z.shape))
+    terms[:2] = ndtr(z), np.exp(-(z**2) / 2) / np.sqrt(2 * np.pi)
+    for n in range(1, _TERMS + 1):
+        terms[n + 1] = -z * terms[n] - (n - 1) * terms[n - 1]
+    return terms
 
 
 def _step(jacobian: Array, residual: Array, known: Array, look: _Look) -> Array:

@@ -18,7 +18,7 @@ from posefuse_sim.props import Prop
 from posefuse_sim.surroundings import RoomSettings
 
 from . import textures
-from .stage import check_framebuffer, mujoco_with
+from .stage import PROP, check_framebuffer, mujoco_with
 
 _WALL_THICK_M = 0.05
 _SHADOW_PX = 2048
@@ -52,7 +52,7 @@ def render_model(live: LiveScene, cameras: Iterable[Camera], backend: str) -> An
     for i, person in enumerate(live.people):
         scene.person(i, person.body)
     for i, prop in enumerate(live.props):
-        scene.prop(f"prop{i}", prop)
+        scene.prop(f"{PROP}{i}", prop)
     for box in live.boxes:
         scene.box(box.half_m, box.world_from_box.xyz, box.world_from_box.wxyz, rgba=[*box.colour, 1.0])
     scene.room(room, live.room_size_m, np.random.default_rng([seed, 32]))

@@ -25,6 +25,8 @@ from posefuse.foundation.platform import offscreen_backends
 _NEAR_M = 0.05
 _FAR_M = 80.0
 _MOST_GEOMS = 2000
+# names of the textures of props begin with this; how many times longer a pixel is on them than wide, as OpenGL's drivers can
+PROP, _MOST_SLANT = "prop", 16.0
 
 
 class RenderStage:
@@ -39,10 +41,22 @@ class RenderStage:
         self._context = gl_context(backend, size.offwidth, size.offheight)
         self._drawing = mujoco.MjrContext(self._model, mujoco.mjtFontScale.mjFONTSCALE_100.value)
         mujoco.mjr_setBuffer(mujoco.mjtFramebuffer.mjFB_OFFSCREEN.value, self._drawing)
+        self._draw_prints_sharply()
         self._drawing.readDepthMap = mujoco.mjtDepthMap.mjDEPTH_ZEROFAR
         self._scene = mujoco.MjvScene(self._model, maxgeom=_MOST_GEOMS)
         self._option = mujoco.MjvOption()
         self._camera = mujoco.MjvCamera()
+
+    def _draw_prints_sharply(self) -> None:
+        """What is printed on props is filtered by its own slant; MuJoCo would blur it along both sides by the shorter one."""
+        gl = importlib.import_module("OpenGL.GL")
+        anisotropic = importlib.import_module("OpenGL.GL.EXT.texture_filter_anisotropic")
+        if not anisotropic.glInitTextureFilterAnisotropicEXT():
+            return
+        for i in range(self._model.ntex):
+            if self._model.texture(i).name.startswith(PROP):
+                gl.glBindTexture(gl.GL_TEXTURE_2D, int(self._drawing.texture[i]))
+                gl.glTexParameterf(gl.GL_TEXTURE_2D, anisotropic.GL_TEXTURE_MAX_ANISOTROPY_EXT, _MOST_SLANT)
 
     def close(self) -> None:
         """Free the OpenGL context; safe to call twice."""
