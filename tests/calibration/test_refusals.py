@@ -130,6 +130,13 @@ def test_the_faults_of_the_benchmark_are_never_silent() -> None:
 
 
 @pytest.mark.slow
+def test_a_flat_board_that_clocks_had_put_into_its_mirrored_pose_is_put_right() -> None:
+    # at two times two cameras alone see it, and before the clocks are known its other pose fits better
+    answer = next(one for one in good_sessions.SESSIONS if one.name == "board 5, 4 cameras").run(642040)
+    assert not answer.refused, answer.words
+
+
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "name",
     [

@@ -358,6 +358,12 @@ def prop_track(
     return Poses(R, t)
 
 
+def prop_path(seen: Snapshots, shape: PropShape, corners: Array, lenses: Lenses, cam_from_world: Poses) -> Poses:
+    """The same from the corners alone."""
+    views = prop_views(seen, planar_views(seen, corners, lenses), shape, corners, lenses)
+    return prop_track(seen, views, shape, corners, lenses, cam_from_world)
+
+
 # two cameras' clocks may be so far apart
 MOST_OFFSET_S = 2.0
 _WINDOWS, _WINDOW_S = 4, 10.0

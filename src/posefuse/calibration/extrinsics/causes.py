@@ -22,7 +22,7 @@ from posefuse.core import CalibrationError, Camera
 from posefuse.core.arrays import Array
 from posefuse.core.view_sequences import nearest_frames
 
-from .bootstrap import PropShape, planar_views, prop_track, prop_views, rough_offsets
+from .bootstrap import PropShape, prop_path, rough_offsets
 from .freedoms import Freed, board_freed, check_clocks, clocks_freed, lens_change, lenses_freed, most_turned, turn_freed
 from .pipeline import TIME_STEPS, RigTask, Solved, solve
 from .prop_solve import residuals_px
@@ -427,9 +427,7 @@ def _path_by_others(
     seen = snapshots(others, steps_ns, solved.solution.state.delay_s)
     known = solved.seen.patches
     seen = replace(seen, patch=np.searchsorted(known, seen.patches[seen.patch]), patches=known)
-    lenses, shape = Lenses(solved.cameras), _prop(solved)
-    views = prop_views(seen, planar_views(seen, solved.corners, lenses), shape, solved.corners, lenses)
-    path = prop_track(seen, views, shape, solved.corners, lenses, solved.solution.state.cam_from_world)
+    path = prop_path(seen, _prop(solved), solved.corners, Lenses(solved.cameras), solved.solution.state.cam_from_world)
     return (steps_ns - zero_ns) / 1e9, path
 
 

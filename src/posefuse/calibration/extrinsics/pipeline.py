@@ -20,6 +20,7 @@ from .bootstrap import (
     PropViews,
     camera_edges,
     planar_views,
+    prop_path,
     prop_track,
     prop_views,
     rough_offsets,
@@ -220,7 +221,21 @@ def _settle_clocks(observations: CornerObservations, solved: Solved, freed: dict
         before_s = solved.solution.state.delay_s
         seen = snapshots(observations, steps_ns, before_s)
         seen = seen.rows(np.isin(seen.patch, patches) & np.isin(seen.time_step, time_steps))
-        solved = replace(solved, seen=seen).again(**freed)
+        solved = _placed_again(solved, seen).again(**freed)
         if np.abs(solved.solution.state.delay_s[:, 0] - before_s[:, 0]).max() < _CLOCK_SETTLED_S:
             break
     return solved
+
+
+def _placed_again(solved: Solved, seen: Snapshots) -> Solved:
+    """With other snapshots of the same time steps, to start from where these show the prop where its views disagreed.
+
+    Off by its clocks, a flat target may have come to rest in the mirrored one of the two poses that look alike.
+    """
+    state, wrong = solved.solution.state, np.unique(solved.seen.time_step[~solved.inlier[solved.seen.group]])
+    path = prop_path(seen, solved.links.shape, solved.corners, Lenses(solved.cameras, state.lens_delta), state.cam_from_world)
+    wrong = wrong[np.isfinite(path.t[wrong]).all(axis=1)]
+    R, t = state.world_from_prop.R.copy(), state.world_from_prop.t.copy()
+    R[wrong], t[wrong] = path.R[wrong], path.t[wrong]
+    state = replace(state, world_from_prop=Poses(R, t))
+    return replace(solved, seen=seen, solution=replace(solved.solution, state=state))

@@ -18,7 +18,7 @@ from posefuse.core.arrays import Array
 from posefuse.core.errors import choices
 from posefuse.foundation.settings import read_settings, settings
 
-from .bootstrap import PropShape, planar_views, prop_track, prop_views
+from .bootstrap import PropShape, prop_path
 from .prop_solve import Freedom, PropState, SolvedRig, solve_prop
 from .snapshots import Snapshots, snapshots
 
@@ -103,13 +103,8 @@ def placed_by_rig(rig: Rig, seen: Snapshots, placing: Snapshots, target: Target,
     Returns:
         The solution, of the time steps at which the patch has a place; None where no camera sees enough of it.
     """
-    lenses, shape, corners = (
-        Lenses(tuple(rig)),
-        PropShape({0: Poses(np.eye(3), np.zeros(3))}, (0,)),
-        patch_corners(target, seen.patches),
-    )
-    in_images = prop_views(placing, planar_views(placing, corners, lenses), shape, corners, lenses)
-    track = prop_track(placing, in_images, shape, corners, lenses, poses_of(rig))
+    shape, corners = PropShape({0: Poses(np.eye(3), np.zeros(3))}, (0,)), patch_corners(target, seen.patches)
+    track = prop_path(placing, shape, corners, Lenses(tuple(rig)), poses_of(rig))
     known = np.asarray(np.isfinite(track.t).all(axis=1))
     if not known.any():
         return None
