@@ -13,6 +13,7 @@ import numpy as np
 from annotated_types import Ge, Gt
 from pydantic import Field
 
+from posefuse.calibration.targets.kinds import black_modules
 from posefuse.core import SE3, ConfigError
 from posefuse.core.arrays import Array, freeze_fields
 from posefuse.core.errors import choices
@@ -304,11 +305,9 @@ def _squares_and_markers(board: cv2.aruco.CharucoBoard, square_px: int) -> Array
     columns, rows = board.getChessboardSize()
     white = np.indices((rows, columns)).sum(axis=0) % 2
     picture = np.kron(white, np.full((square_px, square_px), float(_PAPER_WHITE)))
-    dictionary = board.getDictionary()
-    cells = dictionary.markerSize + 2
     for marker_id, corners in zip(np.ravel(board.getIds()).tolist(), np.array(board.getObjPoints(), np.float64), strict=True):
-        black = 1 - dictionary.generateImageMarker(marker_id, cells) / 255.0
-        edges_px = np.linspace(corners[0, :2], corners[2, :2], cells + 1) / board.getSquareLength() * square_px
+        black = black_modules(board.getDictionary(), marker_id)
+        edges_px = np.linspace(corners[0, :2], corners[2, :2], len(black) + 1) / board.getSquareLength() * square_px
         across, down = (_covered(edges_px[:, axis], picture.shape[1 - axis]) for axis in (0, 1))
         picture -= _PAPER_WHITE * down @ black @ across.T
     return np.round(picture).astype(np.uint8)
