@@ -9,11 +9,10 @@ from typing import Any
 import numpy as np
 
 from posefuse.core import PAPER14, SE3, Array, Pose3D, PoseSequence, Rig, Truth, Views
-from posefuse.detection import OracleNoise, oracle_views
 from posefuse.evaluation import joint_distances_mm, summary
 from posefuse.foundation import settings_from_mapping
 from posefuse.fusion import FuseSettings, fuse
-from posefuse_sim import Scene, truth_of
+from posefuse_sim import OracleNoise, Scene, oracle_views, truth_of
 
 # of the real network on the walking session, as shares of the person's height in the picture: the rms error of one
 # coordinate, and the part of it that stays the same; shares of keypoints and of views that are something else altogether

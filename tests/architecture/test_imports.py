@@ -142,6 +142,7 @@ DEMO_RIG = SRC.parents[1] / "examples" / "demo" / "rig.toml"
         (f"live {DEMO_RIG} --source cam00=ros:/a", "ros"),
         ("record --source cam00=ros:/a --out new", "ros"),
         (f"track {DEMO_RIG.parent} --outputs mcap --out new", "ros"),
+        (f"track {DEMO_RIG.parent} --set detector.name=oracle --out new", "sim"),
         ("report a.mcap", "ros"),
     ],
 )

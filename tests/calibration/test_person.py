@@ -22,8 +22,8 @@ from posefuse.calibration.clocks.person_tracks import PersonTrack, person_tracks
 from posefuse.calibration.extrinsics.prop_solve import focal_change
 from posefuse.calibration.extrinsics.world import floor_from_feet
 from posefuse.calibration.geometry import poses_of
-from posefuse.calibration.person.bundle import let_free, solve_person_bundle
 from posefuse.calibration.person.checks import check_standing
+from posefuse.calibration.person.keypoint_solve import let_free, solve_person_bundle
 from posefuse.calibration.person.scale import KnownLength
 from posefuse.calibration.person.solve import (
     PersonCalibration,

@@ -18,7 +18,6 @@ from posefuse.calibration.clocks.person_tracks import limb_keypoints
 from posefuse.core import Detections2D, LiveDetections, LivePose, Rig, Truth
 from posefuse.core.skeleton import COCO17
 from posefuse.core.view_sequences import ViewSequence
-from posefuse.detection import OracleNoise, oracle_views
 from posefuse.formats.truth import read_truth
 from posefuse.health.clock_finding import ClockFinder
 from posefuse.health.misalignment import CommonTimeSteps
@@ -31,6 +30,7 @@ from posefuse.realtime.messages import Ready, SeenView
 from posefuse.realtime.processes import Groups
 from posefuse.realtime.rig_watch import RigWatch, RigWatcher, Watched, watching
 from posefuse.tracking.settings import LASTING_S, LASTING_SHARE
+from posefuse_sim.oracle import OracleNoise, oracle_views
 
 S = 1_000_000_000
 RATE_HZ = 30.0

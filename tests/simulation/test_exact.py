@@ -9,6 +9,7 @@ from posefuse.core import SE3, Rig
 from posefuse.core.skeleton import ANATOMICAL23
 from posefuse_sim.build import LiveScene, live_scene
 from posefuse_sim.exact import prop_truth, seen_points, visible_by_shapes
+from posefuse_sim.props import ArucoCube, CharucoBoard, GroundTile, Prop, prop_from_settings
 from posefuse_sim.surroundings import FLESH_M, Box, ClutterOccluder, WallOccluder, boxes_of, hidden_by_shapes
 
 _FISHEYE = {"lens": "fisheye", "distortion": [0.03, -0.01, 0.002, 0.0], "K": [[420.0, 0, 450.0], [0, 421.0, 449.0], [0, 0, 1]]}
@@ -144,3 +145,40 @@ def test_a_person_in_front_hides_and_no_person_hides_the_side_that_is_seen():
     np.testing.assert_array_equal(np.flatnonzero(hidden[1]), heels)
     torso = ANATOMICAL23.indices(["left_shoulder", "right_hip", "left_knee"])
     assert hidden[0][torso].all()
+
+
+# --- what is printed
+
+
+_BOARDS = [((7, 5), 0.10, 0.075), ((9, 6), 0.05, 0.0371), ((4, 3), 0.2, 0.11)]
+
+
+@pytest.mark.parametrize(
+    "settings",
+    [
+        *(CharucoBoard(kind="charuco_board", squares=n, square_m=s, marker_m=m) for n, s, m in _BOARDS),
+        ArucoCube(kind="aruco_cube", side_m=0.31, marker_m=0.17),
+        GroundTile(kind="ground_tile", side_m=0.53, marker_m=0.41),
+    ],
+)
+def test_the_black_of_a_marker_is_printed_from_corner_to_corner(settings):
+    prop = prop_from_settings(settings)
+    black = 1 - prop.texture[..., 0] / prop.texture.max()
+    for marker, corners in enumerate(prop.corners_prop):
+        px_from_prop = _texture_px_from_prop(prop, face=marker if settings.kind == "aruco_cube" else 4)
+        begin, end = (np.append(corners[k], 1) @ px_from_prop for k in (0, 2))
+        cell = (end - begin) / 6
+        for axis, image in ((0, black), (1, black.T)):
+            # the first cells of the border, all black, in whichever share of each pixel, and half a cell of white at both ends
+            row = image[int(begin[1 - axis] + cell[1 - axis] / 2)]
+            first, middle, last = (begin[axis] + cell[axis] * np.array([-0.5, 3, 6.5])).astype(int)
+            found = middle - row[first:middle].sum(), middle + row[middle:last].sum()
+            assert found == pytest.approx((begin[axis], end[axis]), abs=0.02)
+
+
+def _texture_px_from_prop(prop: Prop, face: int) -> np.ndarray:
+    """(4, 2) from x, y, z, 1 on a printed face to places in the texture, whose first pixel is 0 to 1."""
+    own = 4 * face + np.arange(4)
+    ends = np.concatenate([prop.vertices[own], np.ones((4, 1))], axis=1)
+    height, width = prop.texture.shape[:2]
+    return np.linalg.lstsq(ends, prop.uv[own] * [width, height], rcond=None)[0]

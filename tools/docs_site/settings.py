@@ -42,7 +42,7 @@ def settings_page() -> str:
         parts += [
             _table(plugin.name, plugin.config)
             for plugin in list_plugins(group)
-            if plugin.config and plugin.package in ("posefuse", "posefuse-ros")
+            if plugin.config and plugin.package in ("posefuse", "posefuse-ros", "posefuse-sim")
         ]
     return "\n".join(parts)
 

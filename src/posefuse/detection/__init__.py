@@ -11,6 +11,5 @@ if TYPE_CHECKING:
     from .card import list_cards, named_networks, read_card
     from .crops import region_from_keypoints, region_from_pose, up_angle_rad
     from .files import fetch, fetch_all, status
-    from .oracle import OracleConfig, OracleDetector, OracleNoise, oracle_views
 
 __getattr__ = lazy_names(__name__, __file__)

@@ -24,6 +24,7 @@ GROUPS = {
 # what posefuse's own packages add, with the extra that installs it
 OF_PACKAGES = {
     "sources": {"ros": "ros", "simulated": "sim"},
+    "detectors": {"oracle": "sim"},
     "outputs": {"mcap": "ros"},
     "live_outputs": {"record": "ros", "ros1": "ros", "ros2": "ros"},
 }

@@ -10,6 +10,7 @@ from posefuse.core.extras import lazy_names
 
 if TYPE_CHECKING:
     from .exact import truth_of
+    from .oracle import OracleDetector, OracleNoise, oracle_views
     from .scene import Scene, read_scene
     from .session import SessionPaths, simulate
 

@@ -121,7 +121,7 @@ def agreed_clocks(grids: Sequence[EvenTrack], cost: Callable[[int, int], Cost], 
     starts = sorted(((value, pair, late) for pair in pairs for value, late in _peaks(pair.worth, most)), key=lambda one: -one[0])
     best, most_worth = np.full(count, np.nan), 0.0
     for _, pair, late in starts[:_STARTS]:
-        steps = _settled(_placed(pair, late, pairs, count, most), pairs, most)
+        steps = _placed(pair, late, pairs, count, most)
         worth = float(sum(_worth_at(one, steps[one.b] - steps[one.a], most) for one in pairs))
         if worth > most_worth:
             best, most_worth = steps, worth
@@ -173,19 +173,6 @@ def _placed(first: _Pair, late: int, pairs: Sequence[_Pair], count: int, most: i
             return steps
         _, at, c = max(open_)
         steps[c] = at
-
-
-def _settled(steps: Array, pairs: Sequence[_Pair], most: int) -> Array:
-    """Each camera moved in turn to where it agrees best with the others, until all stay."""
-    for _ in range(_ROUNDS):
-        before = steps.copy()
-        for c in np.flatnonzero(np.isfinite(steps)):
-            alone = steps.copy()
-            alone[c] = np.nan
-            steps[c] = _best_of(int(c), alone, pairs, most)[1]
-        if np.array_equal(before, steps, equal_nan=True):
-            break
-    return steps
 
 
 def _best_of(c: int, steps: Array, pairs: Sequence[_Pair], most: int) -> tuple[float, int, int]:

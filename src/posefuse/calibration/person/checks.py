@@ -14,7 +14,7 @@ from posefuse.calibration.report import Check
 from posefuse.core import CalibrationError, Camera, Skeleton
 from posefuse.core.arrays import Array
 
-from .bundle import let_free, solve_person_bundle
+from .keypoint_solve import let_free, solve_person_bundle
 from .views import PersonViews
 
 _MOST_SIGMA_PX_PER_1000 = 12.0

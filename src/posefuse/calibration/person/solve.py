@@ -35,7 +35,6 @@ from posefuse.calibration.report import CalibrationReport, Check, RefusedCalibra
 from posefuse.core import SE3, CalibrationError, Camera, Rig, Skeleton
 from posefuse.core.arrays import Array
 
-from .bundle import let_free, solve_person_bundle
 from .checks import (
     SAME_VIDEO_PX,
     STANDING_POINTS,
@@ -50,6 +49,7 @@ from .checks import (
     solution_fits,
     spread_m,
 )
+from .keypoint_solve import let_free, solve_person_bundle
 from .scale import STATURE_SIGMA, KnownLength, stature_m
 from .views import PersonViews, person_views
 

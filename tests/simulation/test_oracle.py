@@ -6,7 +6,7 @@ from built import frame
 from checks import refusal
 
 from posefuse.core import SKELETONS, CameraTruth, Detector, InputError, Region, Truth
-from posefuse.detection.oracle import OracleDetector, OracleNoise, oracle_views
+from posefuse_sim.oracle import OracleDetector, OracleNoise, oracle_views
 
 BODY = SKELETONS["anatomical23"]
 FRAMES, PEOPLE = 7, 2

@@ -17,10 +17,9 @@ from posefuse.core import CameraTruth, Detections2D, Frame, InputError, Region, 
 from posefuse.core.arrays import Array
 from posefuse.core.errors import choices
 from posefuse.core.view_sequences import ViewSequence
+from posefuse.detection.crops import check_regions, nearest_to
 from posefuse.formats.truth import read_truth
 from posefuse.foundation.settings import settings
-
-from .crops import check_regions, nearest_to
 
 _FAR_TIME_NS = 1_000_000
 _OUTLIER_SCORES = (0.2, 0.9)
