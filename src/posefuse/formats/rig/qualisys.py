@@ -76,8 +76,8 @@ def _check_not_turned(where: str, element: ET.Element) -> None:
     turned_deg = float(parts.numbers(f"{where}: viewrotation", element.get("viewrotation", "0"), ()))
     if turned_deg:
         raise CalibrationError(
-            f"{where}: viewrotation: expected 0, got {turned_deg:g}: whether its video is turned is not known; set the rotation of "
-            "its view to 0 in QTM, and export calibration and video again"
+            f"{where}: viewrotation: expected 0, got {turned_deg:g}: whether its video is turned is not known; set the rotation "
+            "of its view to 0 in QTM, and export calibration and video again"
         )
 
 
