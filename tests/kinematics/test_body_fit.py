@@ -168,7 +168,7 @@ def test_a_fit_in_place_is_that_of_a_copy(noisy, fitted, rays):
 
 def test_a_fit_in_place_that_fails_writes_nothing(noisy, rays):
     clean, seen = noisy
-    giant = bodies_from_poses(replace(clean, xyz_world=clean.xyz_world * 1.6), WHITE)
+    giant = bodies_from_poses(replace(clean, xyz_world=clean.xyz_world * 1.6))
     own = replace(seen, **arrays_of(seen, np.array))
     assert not fit_views(own, *rays, WHITE, giant, in_place=True).bodies
     for name in ("xyz_world", "cov_world", "kind"):
@@ -260,7 +260,7 @@ def test_a_person_hardly_seen_keeps_their_points(walk):
 @pytest.mark.parametrize(("larger", "kept"), ((1.6, False), (1.05, True)))
 def test_a_fit_far_from_the_fused_keypoints_is_dropped(noisy, larger, kept):
     clean, seen = noisy
-    giant = bodies_from_poses(replace(clean, xyz_world=clean.xyz_world * larger), WHITE)
+    giant = bodies_from_poses(replace(clean, xyz_world=clean.xyz_world * larger))
     fit = fit_poses(seen, WHITE, giant)
     assert bool(fit.bodies) is kept
     assert np.array_equal(fit.poses.xyz_world, seen.xyz_world, equal_nan=True) is not kept

@@ -244,7 +244,7 @@ class LiveSkeletons:
 
     def __init__(self, rig: Rig, skeleton: Skeleton, config: LiveConfig, rules: LiveBodyRules = LIVE_BODY) -> None:
         self._skeleton, self._config, self._rules = skeleton, config, rules
-        self._work = FrameBuffers(skeleton, config.joints)
+        self._work = FrameBuffers(skeleton)
         self._prior = usual_lengths()
         self._projections = np.stack([np.column_stack([c.cam_from_world.matrix(), c.cam_from_world.xyz]) for c in rig])
         self._people: dict[int, LiveBody] = {}
@@ -362,7 +362,7 @@ def warmed_up(
             pose = made_up.at(view.t_ns + 20_000_000)
     no_offsets = JointCentres(made_by="", offsets={})
     at_joint_centres(pose, no_offsets, no_offsets.usual)
-    JointTracker(skeleton, config.joints).step(pose)
+    JointTracker(skeleton).step(pose)
     return _new(rig, skeleton, config, motion, rules)
 
 

@@ -68,7 +68,10 @@ def _shortest(one: Array, other: Array) -> Array:
 
 
 _LOST_S = 1.0
-_FIRST_ITERATIONS = 30
+# after this time without a measurement a velocity has fallen to 1/e
+_VELOCITY_MEMORY_S = 0.3
+# Gauss-Newton steps at most: of the first time step, and of each one after it
+_FIRST_ITERATIONS, _ITERATIONS = 30, 6
 _FIRST_SD = 1.0
 _SPEED_SD = 3.0
 # the smoother runs back over so many steps at a time, from so much later; a test compares that with the whole recording at once
@@ -225,14 +228,14 @@ class BodyFilter:
         return FilteredStep(seen.t_ns, State(q, rot, np.zeros(size), cov), None, None)
 
     def _next(self, last: FilteredStep, seen: Measurement, information: Array) -> FilteredStep:
-        tree, s = self.tree, self.settings
+        tree = self.tree
         elapsed_s = (seen.t_ns - last.t_ns) * 1e-9
         q, rot, velocity, cov = (a.copy() for a in (last.state.q, last.state.rot, last.state.velocity, last.state.cov))
-        transition = fit_kernels.predict(tree, elapsed_s, s.velocity_memory_s, SLACK_S, q, rot, velocity, cov)
+        transition = fit_kernels.predict(tree, elapsed_s, _VELOCITY_MEMORY_S, SLACK_S, q, rot, velocity, cov)
         expected = State(q.copy(), rot.copy(), velocity.copy(), cov.copy())
         prior = tree_kernels.inverse(np.ascontiguousarray(cov[: tree.size, : tree.size]))
         repeats = self._repeats(elapsed_s)
-        hessian = self._fit(q, rot, prior, seen, information, repeats=repeats, habit=HABIT_S / elapsed_s, steps=s.iterations)
+        hessian = self._fit(q, rot, prior, seen, information, repeats=repeats, habit=HABIT_S / elapsed_s, steps=_ITERATIONS)
         step = tree_kernels.difference(tree, q, rot, expected.q, expected.rot)
         fit_kernels.absorb(cov, prior, tree_kernels.inverse(hessian), step, velocity)
         return FilteredStep(seen.t_ns, State(q, rot, velocity, cov), expected, transition)
