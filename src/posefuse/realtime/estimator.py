@@ -16,6 +16,7 @@ import numpy as np
 from posefuse.association import CLOTHING_TRAITS, UNNAMED, Identity, associate, median_clothing, with_persons
 from posefuse.core import Detections2D, JointCentres, Kind, LiveJointCentres, Pose3D, Rig, Skeleton
 from posefuse.core.arrays import Array
+from posefuse.core.poses import worst_sigma_m
 from posefuse.fusion import fuse
 from posefuse.kinematics import JointTracker
 from posefuse.kinematics.body import FEWEST_SEEN, LIVE_BODY, Length, LiveBody, LiveBodyRules, LiveRays, TrackedPoints
@@ -180,13 +181,6 @@ def _known_to(cov: Array, sigma_m: float) -> Array:
     if not known.all():
         known[~known] = worst_sigma_m(cov[~known]) <= sigma_m
     return known
-
-
-def worst_sigma_m(cov: Array) -> Array:
-    """(...) standard deviation along the worst known axis of covariances (..., 3, 3); infinite where NaN."""
-    known = np.asarray(np.isfinite(cov).all(axis=(-2, -1)))
-    variance = np.linalg.eigvalsh(np.where(known[..., None, None], cov, np.eye(3)))[..., -1]
-    return np.asarray(np.where(known, np.sqrt(np.maximum(variance, 0.0)), np.inf))
 
 
 def _counted(before: tuple[int, int], there: Array, good: Array) -> tuple[int, int]:
