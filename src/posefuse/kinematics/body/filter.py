@@ -155,9 +155,10 @@ class _Arms:
         self._against: dict[_Arm, float] = {}
         for side in SIDES:
             nodes = [f"{side}_{part}" for part in ("shoulder", "carrying", "elbow", "pronation")]
-            points = rows[[POINTS.index(f"{side}_{point}") for point in ("shoulder", "elbow", "wrist")]]
-            if set(nodes) <= set(names) and (points >= 0).all():
-                self._against[_Arm(*map(names.index, nodes), tuple(points.tolist()))] = 0.0
+            shoulder, elbow, wrist = (int(rows[POINTS.index(f"{side}_{point}")]) for point in ("shoulder", "elbow", "wrist"))
+            if set(nodes) <= set(names) and min(shoulder, elbow, wrist) >= 0:
+                upper, carrying, hinge, pronation = map(names.index, nodes)
+                self._against[_Arm(upper, carrying, hinge, pronation, (shoulder, elbow, wrist))] = 0.0
         self._frame, self._origin = np.empty((len(names), 3, 3)), np.empty((len(names), 3))
 
     def reversed(self, state: State, seen: Measurement, repeats: float) -> tuple[_Arm, ...]:
