@@ -176,6 +176,8 @@ BENT = [[1.0, 0.01, 0], [0, 1.0, 0], [0, 0, 1.0]]
         ("rig.toml", "[cam00]", "[cam00", r"cannot be parsed"),
         ("rig.toml", "translation = [", "translation = [4500.0, 0.0, 2000.0]\nold = [", r"a camera 49\d\d m .* millimetres"),
         ("rig.qca.txt", 'focalLengthU="', 'old="', r"camera cam_0: <intrinsic>: focalLengthU is missing"),
+        ("rig.qca.txt", 'viewrotation="0"', 'viewrotation="90"', r"camera cam_0: viewrotation: expected 0, got 90: .* export"),
+        ("rig.qca.txt", 'viewrotation="0"', 'viewrotation="left"', r"camera cam_0: viewrotation: expected"),
         ("rig.qca.txt", "<transform", "<other", r"camera cam_0: <transform> is missing; there are: fov_marker"),
         ("rig.qca.txt", ' r11="', ' r11="9" old="', r"camera cam_0: rotation: not a rotation"),
         ("rig.qca.txt", ' x="', ' x="nan" old="', r"camera cam_0: x: expected finite numbers"),

@@ -10,11 +10,12 @@ import pytest
 from no_outputs import KeptOutputs, StillPerson
 
 from posefuse.core import SKELETONS, Detections2D, JointCentres, Kind, LiveJointCentres, Pose3D
+from posefuse.core.poses import worst_sigma_m
 from posefuse.core.skeleton import BLAZEPOSE33
 from posefuse.detection import read_card
 from posefuse.formats.joint_centres import read_joint_centres
 from posefuse.realtime.config import KeypointGateSettings
-from posefuse.realtime.estimator import Centring, Estimator, KeypointGate, NamedTracker, _known_to, worst_sigma_m
+from posefuse.realtime.estimator import Centring, Estimator, KeypointGate, NamedTracker, _known_to
 from posefuse.realtime.fusion_loop import Fusion
 from posefuse.realtime.group import search_slot
 from posefuse.realtime.messages import Expected, SessionClock

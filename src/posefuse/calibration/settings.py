@@ -24,15 +24,11 @@ class RefineSettings:
     Attributes:
         move_sigma_m, turn_sigma_rad: standard deviation of a camera's position and orientation, per axis, about the calibrated.
         together: so many keypoints of a view err as one: their information counts as that of one.
-        alike_m, alike_rad: a person who is no farther from an earlier place and turned no farther than this is seen with the
-            same errors of the network again, which adds nothing.
     """
 
     move_sigma_m: Annotated[float, Gt(0)] = 0.01
     turn_sigma_rad: Annotated[float, Gt(0)] = 0.005
     together: Annotated[float, Gt(0)] = 10.0
-    alike_m: Annotated[float, Gt(0)] = 0.3
-    alike_rad: Annotated[float, Gt(0)] = 0.5
 
 
 @settings

@@ -71,6 +71,13 @@ def point_sigma_m(cov: Array) -> Array:
     return np.asarray(np.sqrt(np.trace(cov, axis1=-2, axis2=-1) / 3))
 
 
+def worst_sigma_m(cov: Array) -> Array:
+    """(...) standard deviation along the worst known axis of covariances (..., 3, 3); infinite where NaN."""
+    known = np.asarray(np.isfinite(cov).all(axis=(-2, -1)))
+    variance = np.linalg.eigvalsh(np.where(known[..., None, None], cov, np.eye(3)))[..., -1]
+    return np.asarray(np.where(known, np.sqrt(np.maximum(variance, 0.0)), np.inf))
+
+
 _POSE_DTYPES: dict[str, DTypeLike] = {"n_views": np.uint8, "kind": np.uint8}
 _POSE_AXES = {
     "person_id": "N",

@@ -45,7 +45,7 @@ from posefuse.core import (
     Source,
 )
 from posefuse.core.skeleton import BLAZEPOSE33
-from posefuse.kinematics import JointSettings, JointTracker
+from posefuse.kinematics import JointTracker
 from posefuse.outputs.drawing import jpeg_of
 
 _ENOUGH_FRAMES = 20
@@ -203,7 +203,7 @@ def made_up_start(part: int) -> LiveStart:
 
 def made_up_messages() -> Iterator[LiveMessage]:
     """Every kind of message after the first, in an order a session may have."""
-    rig, angles = made_up_rig(), JointTracker(BLAZEPOSE33, JointSettings())
+    rig, angles = made_up_rig(), JointTracker(BLAZEPOSE33)
     yield LiveJointCentres(t_ns=_BEGIN_NS, cameras=rig.names, table=None)
     yield LiveNames(t_ns=_BEGIN_NS, names={7: "Ada"})
     for tick, people in enumerate(_PEOPLE_PER_TICK):

@@ -42,6 +42,10 @@ class Reason(IntEnum):
 
 
 _HINGE_MEMORY_S = 0.2
+# nearer than this to gimbal lock the first and last angle of a sequence are NaN, and so is an angle less certain than this
+_LOCK_RAD, _SIGMA_LIMIT_RAD = 0.12, 0.6
+# standard deviation taken for points that come without a covariance
+_UNKNOWN_SIGMA_M = 0.01
 _ISB_FROM_WORLD = np.array([[1.0, 0, 0], [0, 0, -1.0], [0, 1.0, 0]])  # X forward, Y up, Z right in world axes
 _PLACES = {"ground": -1, **{name: place for place, name in enumerate(SEGMENT_NAMES)}}
 
@@ -106,7 +110,7 @@ class JointTracker:
 
     def __init__(self, skeleton: Skeleton, settings: JointSettings | None = None) -> None:
         self.skeleton = skeleton
-        self._work = FrameBuffers(skeleton, settings or JointSettings())
+        self._work = FrameBuffers(skeleton, settings)
         self._memories: dict[int, _Memory] = {}
 
     def step(self, pose: Pose3D) -> JointAngles:
@@ -169,8 +173,8 @@ class _Memory:
 class FrameBuffers:
     """The arrays one person's frame passes through; overwritten by each call, so that nothing is allocated live."""
 
-    def __init__(self, skeleton: Skeleton, settings: JointSettings) -> None:
-        self.settings = settings
+    def __init__(self, skeleton: Skeleton, settings: JointSettings | None = None) -> None:
+        self.settings = settings or JointSettings()
         self.pairs = landmark_pairs(skeleton)
         impossible = undefined_angles(skeleton)
         possible = [[f"{joint.name}.{name}" not in impossible for name in joint.angle_names] for joint in JOINTS]
@@ -178,7 +182,7 @@ class FrameBuffers:
         s, q, p = len(SEGMENT_NAMES), len(JOINT_NAMES), len(POINTS)
         self.points, self.points_cov = np.empty((p, 3)), np.empty((p, 3, 3))
         self.expected, self.updated = np.empty((2, len(LIMBS), kernels.PLANE_SIZE))
-        self.limits = np.array([np.sin(settings.lock_rad), settings.sigma_limit_rad])
+        self.limits = np.array([np.sin(_LOCK_RAD), _SIGMA_LIMIT_RAD])
         self.rotation, by_first, by_second = np.empty((3, s, 3, 3))
         self._frames = kernels.FrameArrays(self.rotation, by_first, by_second, np.empty(s))
         self.angles, self.sigmas = np.empty((2, q, 3))
@@ -187,7 +191,7 @@ class FrameBuffers:
 
     def read(self, xyz_world: Array, cov_world: Array) -> None:
         """Take in keypoints (K, 3) and covariances (K, 3, 3)."""
-        kernels.gather_landmarks(xyz_world, cov_world, self.pairs, self.settings.unknown_sigma_m**2, self.points, self.points_cov)
+        kernels.gather_landmarks(xyz_world, cov_world, self.pairs, _UNKNOWN_SIGMA_M**2, self.points, self.points_cov)
 
     def step_planes(self, memory: Array, elapsed_s: float) -> None:
         """Move the limb planes (`memory`) to the points taken in; leaves `expected` and `updated`."""
@@ -207,7 +211,7 @@ class FrameBuffers:
 
     def drop_uncertain(self) -> None:
         """Angles whose standard deviation has grown past the limit become NaN."""
-        lost = ~(self.sigmas <= self.settings.sigma_limit_rad)
+        lost = ~(self.sigmas <= _SIGMA_LIMIT_RAD)
         self.angles[lost] = np.nan
         self.sigmas[lost] = np.nan
 

@@ -18,17 +18,11 @@ class JointSettings:
         turn_rate_rad_sqrt_s: how fast the plane of a limb wanders unseen: standard deviation after one second.
         hinge_play_rad: how far a knee or elbow departs from an ideal hinge; limits the trust in the plane of a nearly
             straight limb.
-        lock_rad: nearer than this to gimbal lock the first and last angle of a sequence are NaN.
-        sigma_limit_rad: an angle less certain than this is NaN.
-        unknown_sigma_m: standard deviation taken for points that come without a covariance.
         sides_checked: refuse a recording whose left and right are plainly swapped.
     """
 
     turn_rate_rad_sqrt_s: Annotated[float, Gt(0)] = 0.7
     hinge_play_rad: Annotated[float, Ge(0)] = 0.05
-    lock_rad: Annotated[float, Ge(0)] = 0.12
-    sigma_limit_rad: Annotated[float, Gt(0)] = 0.6
-    unknown_sigma_m: Annotated[float, Gt(0)] = 0.01
     sides_checked: bool = True
 
 
@@ -37,11 +31,8 @@ class BodySettings:
     """How the skeleton may move and how far its points are trusted.
 
     Attributes:
-        symmetric: left and right segments share one length.
         joint_limits: keep joints inside the range of a human (softly).
         turn_accel_rad_s15: white angular acceleration of every joint, square root of its spectral density.
-        move_accel_m_s15: the same of the pelvis position.
-        velocity_memory_s: after this time without a measurement a velocity has fallen to 1/e.
         noise_memory_s: errors of keypoints this close in time are taken as the same error, which must not average out. Errors
             of the default network last 0.27 s (`bench/fit_lasting_errors.py`), but by then joints have moved on: with that,
             knees of walking people bend too little.
@@ -54,14 +45,10 @@ class BodySettings:
             feet may move and sink at any time.
         length_steps: segment lengths are solved from so many time steps, spread over the recording.
         robust_dof: degrees of freedom of the Student-t noise; small forgives outliers.
-        iterations: Gauss-Newton steps at most per time step.
     """
 
-    symmetric: bool = True
     joint_limits: bool = True
     turn_accel_rad_s15: Annotated[float, Gt(0)] = 20.0
-    move_accel_m_s15: Annotated[float, Gt(0)] = 1.5
-    velocity_memory_s: Annotated[float, Gt(0)] = 0.3
     noise_memory_s: Annotated[float, Ge(0)] = 0.1
     offset_sigma_m: Annotated[float, Ge(0)] = 0.005
     hip_sigma_m: Annotated[float, Ge(0)] = 0.007
@@ -69,7 +56,6 @@ class BodySettings:
     contact_sigma_m: Annotated[float, Ge(0)] = 0.004
     length_steps: Annotated[int, Ge(1)] = 40
     robust_dof: Annotated[float, Gt(0)] = 2.0
-    iterations: Annotated[int, Ge(1)] = 6
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -11,7 +11,7 @@ from posefuse.association.settings import AssociateSettings, PeopleNames
 from posefuse.detection.build import DetectorChoice
 from posefuse.foundation.settings import settings
 from posefuse.fusion.settings import FuseSettings
-from posefuse.kinematics.settings import BodySettings, JointSettings
+from posefuse.kinematics.settings import BodySettings
 from posefuse.tracking.settings import LiveSettings
 
 CameraInfoUse = Literal["check", "use", "ignore"]
@@ -55,7 +55,6 @@ class LiveConfig:
         track: how people are followed.
         associate: how new people are found.
         fuse: how views are fused.
-        joints: how joint angles are computed.
         whole_body: how the skeleton of `body` may move.
     """
 
@@ -73,7 +72,6 @@ class LiveConfig:
     track: LiveSettings = field(default_factory=LiveSettings)
     associate: AssociateSettings = field(default_factory=AssociateSettings)
     fuse: FuseSettings = field(default_factory=FuseSettings)
-    joints: JointSettings = field(default_factory=JointSettings)
     whole_body: BodySettings = field(default_factory=BodySettings)
 
 

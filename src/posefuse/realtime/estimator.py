@@ -16,6 +16,7 @@ import numpy as np
 from posefuse.association import CLOTHING_TRAITS, UNNAMED, Identity, associate, median_clothing, with_persons
 from posefuse.core import Detections2D, JointCentres, Kind, LiveJointCentres, Pose3D, Rig, Skeleton
 from posefuse.core.arrays import Array
+from posefuse.core.poses import worst_sigma_m
 from posefuse.fusion import fuse
 from posefuse.kinematics import JointTracker
 from posefuse.kinematics.body import FEWEST_SEEN, LIVE_BODY, Length, LiveBody, LiveBodyRules, LiveRays, TrackedPoints
@@ -182,13 +183,6 @@ def _known_to(cov: Array, sigma_m: float) -> Array:
     return known
 
 
-def worst_sigma_m(cov: Array) -> Array:
-    """(...) standard deviation along the worst known axis of covariances (..., 3, 3); infinite where NaN."""
-    known = np.asarray(np.isfinite(cov).all(axis=(-2, -1)))
-    variance = np.linalg.eigvalsh(np.where(known[..., None, None], cov, np.eye(3)))[..., -1]
-    return np.asarray(np.where(known, np.sqrt(np.maximum(variance, 0.0)), np.inf))
-
-
 def _counted(before: tuple[int, int], there: Array, good: Array) -> tuple[int, int]:
     count = int(there.sum())
     return before[0] + count, before[1] + count - int((there & good).sum())
@@ -244,7 +238,7 @@ class LiveSkeletons:
 
     def __init__(self, rig: Rig, skeleton: Skeleton, config: LiveConfig, rules: LiveBodyRules = LIVE_BODY) -> None:
         self._skeleton, self._config, self._rules = skeleton, config, rules
-        self._work = FrameBuffers(skeleton, config.joints)
+        self._work = FrameBuffers(skeleton)
         self._prior = usual_lengths()
         self._projections = np.stack([np.column_stack([c.cam_from_world.matrix(), c.cam_from_world.xyz]) for c in rig])
         self._people: dict[int, LiveBody] = {}
@@ -362,7 +356,7 @@ def warmed_up(
             pose = made_up.at(view.t_ns + 20_000_000)
     no_offsets = JointCentres(made_by="", offsets={})
     at_joint_centres(pose, no_offsets, no_offsets.usual)
-    JointTracker(skeleton, config.joints).step(pose)
+    JointTracker(skeleton).step(pose)
     return _new(rig, skeleton, config, motion, rules)
 
 

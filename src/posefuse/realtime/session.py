@@ -159,7 +159,7 @@ def run_session(
             say("; ".join(filter(None, [*views.whereabouts(), watch.whereabouts() if watch else "", outputs.whereabouts()])))
             with compiling("live tracking", say):
                 estimator = warmed_up(rig, skeleton, config, stopped)
-            joints = JointTracker(skeleton, config.joints) if outputs.wants(LivePose) else None
+            joints = JointTracker(skeleton) if outputs.wants(LivePose) else None
             fusion = Fusion(rig, estimator, views.expect, clock, outputs, watch=watch, joints=joints)
             for centres in views.centres():
                 fusion.take(centres)

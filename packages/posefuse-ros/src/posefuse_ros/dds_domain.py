@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import socket
-from typing import Annotated
+from collections.abc import Mapping
+from typing import Annotated, Any
 from weakref import WeakValueDictionary
 from xml.sax.saxutils import quoteattr
 
@@ -62,6 +63,11 @@ class Network(NetworkSettings):
             raise ConfigError("network: local_only excludes peers and interface; leave one of them out")
         if not 500 <= self.fragment_bytes <= 65000:
             raise ConfigError(f"network: fragment_bytes: expected 500 to 65000, got {self.fragment_bytes}")
+
+
+def network_of(ros: Mapping[str, Any] | None) -> Network:
+    """Where a session with these options meets, see `posefuse.live`."""
+    return Network(**{key: value for key, value in (ros or {}).items() if key != "sim_time"})
 
 
 def domain_xml(network: Network) -> str:

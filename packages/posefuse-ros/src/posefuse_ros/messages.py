@@ -101,8 +101,7 @@ def message_from_detections(detections: Detections2D, stages: Stages, state: Cam
 
 def state_from_message(msg: Any) -> CameraState | None:
     """The counts of the camera in a `Detections2D` message, None where it has none; raises MessageError for impossible ones."""
-    # a recording of an older version has none
-    captured, used = (int(getattr(msg, name, 0)) for name in ("captured", "used"))
+    captured, used = int(msg.captured), int(msg.used)
     if not used <= captured <= MAX_FRAMES:
         raise MessageError(f"Detections2D message of {msg.camera}: {used} of {captured} frames used")
     if not captured:
@@ -124,11 +123,8 @@ def detections_from_message(msg: Any) -> tuple[Detections2D, dict[str, int]]:
     score = _shaped(msg.score, (people, k), where, "score")
     sigma = _shaped(msg.sigma_px, (people, k), where, "sigma_px")
     box = _shaped(msg.box_px, (people, 4), where, "box_px")
-    # a recording of an older version has none
-    worn = getattr(msg, "clothing_lab", ())
+    worn, sent = msg.clothing_lab, msg.depth_m
     clothing = _shaped(worn, (people, 3, 3), where, "clothing_lab") if len(worn) else np.zeros((0, 3, 3))
-    # no camera of an older version has depth
-    sent = getattr(msg, "depth_m", ())
     depth = _shaped(sent, (people, k, 2), where, "depth_m") if len(sent) else None
     if depth is not None and (np.isinf(depth).any() or (depth < 0).any()):
         raise MessageError(f"{where} of {msg.camera}: expected depths and their sigmas >= 0, finite or NaN")

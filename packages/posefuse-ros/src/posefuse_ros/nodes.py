@@ -30,7 +30,7 @@ from . import topics
 from .camera_info import publish_intrinsics, rig_of_nodes
 from .camera_messages import message_from_joint_centres
 from .dds import RosNode
-from .dds_domain import Network
+from .dds_domain import network_of
 from .live_output import Ros2Config, publish
 from .messages import POSE_TYPE, message_from_detections, pose_from_message
 from .network_views import NetworkViews
@@ -107,11 +107,6 @@ class CameraNodeRun:
 
     figures: Mapping[str, Any]
     stopped_by: str
-
-
-def network_of(ros: Mapping[str, Any] | None) -> Network:
-    """Where the nodes of a session meet."""
-    return Network(**{key: value for key, value in (ros or {}).items() if key != "sim_time"})
 
 
 def camera_node(

@@ -6,6 +6,7 @@ import numpy as np
 
 from posefuse.core import SE3, JointAngles, Kind, Pose3D
 from posefuse.core.arrays import Array
+from posefuse.core.poses import worst_sigma_m
 from posefuse.core.skeleton import pick_keypoints
 
 from .values import OperatorView
@@ -44,7 +45,7 @@ def operator_view(
         person, xyz, sigma = -1, np.full((len(names), 3), np.nan), np.full(len(names), np.nan)
         views = measured = np.zeros(len(names), np.bool_)
     else:
-        person, xyz, sigma = ids[n], pose.xyz_world[n], _worst_sigma(pose.cov_world[n])
+        person, xyz, sigma = ids[n], pose.xyz_world[n], worst_sigma_m(pose.cov_world[n])
         views, measured = pose.n_views[n], (pose.kind[n] != Kind.MISSING) & (pose.kind[n] != Kind.PREDICTED)
     wrists = [names.index(f"{side}_wrist") for side in hands]
     others = [names.index(f"{'left' if side == 'right' else 'right'}_wrist") for side in hands]
@@ -67,14 +68,6 @@ def operator_view(
         body_measured=body[:, 4] > 0.99,
         gesture=len(hands) == 1 and _raised(xyz, names, "left" if hands[0] == "right" else "right"),
     )
-
-
-def _worst_sigma(cov: Array) -> Array:
-    """(K,) largest standard deviation of any direction; NaN where the covariance is missing."""
-    known = np.isfinite(cov).all(axis=(-2, -1))
-    sigma = np.full(len(cov), np.nan)
-    sigma[known] = np.sqrt(np.maximum(np.linalg.eigvalsh(cov[known])[:, -1], 0.0))
-    return sigma
 
 
 def _forearms(joints: JointAngles | None, person_id: int, hands: tuple[str, ...]) -> Array:

@@ -183,8 +183,7 @@ class RosPlan:
     @staticmethod
     def listening(ros: Mapping[str, Any]) -> RosPlan:
         """ROS 2 where a session with these options has it, see `posefuse.live`."""
-        options = {name: value for name, value in ros.items() if name != "sim_time"}
-        return RosPlan(network=package_of_extra("posefuse_ros.dds_domain", "ros").Network(**options))
+        return RosPlan(network=package_of_extra("posefuse_ros.dds_domain", "ros").network_of(ros))
 
     def node(self, name: str) -> Any:
         """An open node; raises DependencyError or SourceError where there is no ROS to talk to."""

@@ -23,6 +23,8 @@ _EVERY_S = 0.3
 _MOST_STEPS = 300
 _LEAST_SIGMA_PX = 0.5
 _IN_FRONT_M = 0.2
+# a person who is no farther from an earlier place, and turned no farther, is seen with the same errors of the network again
+_ALIKE_M, _ALIKE_RAD = 0.3, 0.5
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -70,7 +72,7 @@ def refined_extrinsics(rig: Rig, views: ViewSequence, chosen: RefineSettings | N
     noise = max(_spread(before / rows.noise[:, None]), _LEAST_SIGMA_PX / float(np.median(rows.noise)))
     whole = np.full((*there.shape, 3), np.nan)
     whole[there] = xyz
-    same = chosen.together * _repeated(whole, [views.skeleton.keypoints[k] for k in limbs], chosen)
+    same = chosen.together * _repeated(whole, [views.skeleton.keypoints[k] for k in limbs])
     # as the loss judges outliers by their noise, the prior is made stronger instead of the noise wider
     sigma = np.repeat([chosen.turn_sigma_rad, chosen.move_sigma_m], 3) / np.sqrt(same)
     freedom = Freedom(reference=None, held_patches=None, moving=tuple(range(count)), calibrated=calibrated, pose_sigma=sigma)
@@ -110,7 +112,7 @@ def _rows(rig: Rig, views: ViewSequence, steps: Array, limbs: Array) -> tuple[Sn
     return rows, xyz[points], seen.reshape(shape)
 
 
-def _repeated(xyz: Array, names: list[str], chosen: RefineSettings) -> float:
+def _repeated(xyz: Array, names: list[str]) -> float:
     """How often each pose of the people (T, N, L, 3) comes, on average: 1 where everyone is always somewhere else."""
     left, right = (np.array([name.startswith(side) for name in names], bool) for side in ("left_", "right_"))
     with warnings.catch_warnings():
@@ -121,9 +123,9 @@ def _repeated(xyz: Array, names: list[str], chosen: RefineSettings) -> float:
     for n in range(place.shape[1]):
         there = np.isfinite(place[:, n]).all(axis=-1)
         where, facing = place[there, n], across[there, n]
-        away = np.linalg.norm(where[:, None] - where, axis=-1) / chosen.alike_m
+        away = np.linalg.norm(where[:, None] - where, axis=-1) / _ALIKE_M
         # who is seen from one side alone counts as turned like everyone
-        turned = np.nan_to_num(np.arccos(np.clip(facing @ facing.T, -1, 1))) / chosen.alike_rad
+        turned = np.nan_to_num(np.arccos(np.clip(facing @ facing.T, -1, 1))) / _ALIKE_RAD
         counts.append(np.exp(-(away**2 + turned**2) / 2).sum(axis=1))
     each = np.concatenate(counts)
     return len(each) / float((1 / each).sum())

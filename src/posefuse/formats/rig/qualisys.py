@@ -9,6 +9,8 @@ through the same lenses:
 - ``radialDistortion1..3`` and ``tangentalDistortion1..2`` are OpenCV's k1 k2 k3 p1 p2 as they are. They act on x/z, y/z and
   have no unit; converters that divide them by 64 as well flatten the lens.
 - ``fov_video``: first and last column and row of the image; the intrinsics count from the sensor's first pixel.
+- ``viewrotation``: by how much QTM turns the view of a camera, in degrees. All else is of the sensor as it is; whether the
+  videos next to the file are turned cannot be known from it, so that only 0 is read.
 """
 
 from __future__ import annotations
@@ -47,6 +49,7 @@ def rig_from(path: Path, content: ET.Element) -> Rig:
 def _camera(path: Path, element: ET.Element) -> Camera:
     name = element.get("serial", "")
     where = f"{path}: camera {name}"
+    _check_not_turned(where, element)
     transform, intrinsic, view = (_child(where, element, tag) for tag in ("transform", "intrinsic", "fov_video"))
     r = np.array([[_number(where, transform, f"r{row}{column}") for column in (1, 2, 3)] for row in (1, 2, 3)])
     rotation = _OPENCV_FROM_QUALISYS @ parts.rotation_matrix(where, r)
@@ -67,6 +70,15 @@ def _camera(path: Path, element: ET.Element) -> Camera:
         translation=-rotation @ centre_m,
         cropped=left > 0 or top > 0,
     )
+
+
+def _check_not_turned(where: str, element: ET.Element) -> None:
+    turned_deg = float(parts.numbers(f"{where}: viewrotation", element.get("viewrotation", "0"), ()))
+    if turned_deg:
+        raise CalibrationError(
+            f"{where}: viewrotation: expected 0, got {turned_deg:g}: whether its video is turned is not known; set the rotation "
+            "of its view to 0 in QTM, and export calibration and video again"
+        )
 
 
 def _distortion(where: str, intrinsic: ET.Element) -> Array:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -68,7 +69,10 @@ def _shortest(one: Array, other: Array) -> Array:
 
 
 _LOST_S = 1.0
-_FIRST_ITERATIONS = 30
+# after this time without a measurement a velocity has fallen to 1/e
+_VELOCITY_MEMORY_S = 0.3
+# Gauss-Newton steps at most: of the first time step, and of each one after it
+_FIRST_ITERATIONS, _ITERATIONS = 30, 6
 _FIRST_SD = 1.0
 _SPEED_SD = 3.0
 # the smoother runs back over so many steps at a time, from so much later; a test compares that with the whole recording at once
@@ -115,14 +119,28 @@ class State:
     cov: Array
 
 
+class _Arm(NamedTuple):
+    """Nodes of an arm, and landmarks (3,) of shoulder, elbow and wrist among the body's keypoints."""
+
+    upper: int
+    carrying: int
+    elbow: int
+    pronation: int
+    points: tuple[int, int, int]
+
+
 @dataclass(frozen=True, eq=False)
 class FilteredStep:
-    """One step of the filter as the smoother needs it; `expected` and `transition` are None at a start."""
+    """One step of the filter as the smoother needs it; `expected` and `transition` are None at a start.
+
+    The arms in `turned` were reversed until then: in `state` they are turned, in `expected` and all before they are not.
+    """
 
     t_ns: int
     state: State
     expected: State | None
     transition: tuple[Array, Array, Array] | None
+    turned: tuple[_Arm, ...] = ()
 
 
 class _Arms:
@@ -134,35 +152,41 @@ class _Arms:
 
     def __init__(self, body: BodyModel, tree: tree_kernels.Tree) -> None:
         self._tree, names, rows = tree, [node.name for node in body.nodes], landmark_rows(body)[:, 0]
-        self._arms = []
+        self._against: dict[_Arm, float] = {}
         for side in SIDES:
             nodes = [f"{side}_{part}" for part in ("shoulder", "carrying", "elbow", "pronation")]
-            points = rows[[POINTS.index(f"{side}_{point}") for point in ("shoulder", "elbow", "wrist")]]
-            if set(nodes) <= set(names) and (points >= 0).all():
-                self._arms.append(([names.index(node) for node in nodes], points))
-        self._against = [0.0] * len(self._arms)
+            shoulder, elbow, wrist = (int(rows[POINTS.index(f"{side}_{point}")]) for point in ("shoulder", "elbow", "wrist"))
+            if set(nodes) <= set(names) and min(shoulder, elbow, wrist) >= 0:
+                upper, carrying, hinge, pronation = map(names.index, nodes)
+                self._against[_Arm(upper, carrying, hinge, pronation, (shoulder, elbow, wrist))] = 0.0
         self._frame, self._origin = np.empty((len(names), 3, 3)), np.empty((len(names), 3))
 
-    def turned(self, state: State, seen: Measurement, repeats: float) -> State | None:
-        """The state with those arms turned that must be reversed; None if there are none."""
-        tree, size = self._tree, len(state.velocity)
-        tree_kernels.forward_kinematics(tree, state.q, state.rot, self._frame, self._origin)
-        q, rot, sign = state.q.copy(), state.rot.copy(), np.ones(2 * size)
-        for i, ((upper, carrying, elbow, pronation), points) in enumerate(self._arms):
-            _, y, z = self._frame[upper].T.copy()
-            against = kernels.evidence_against(seen.xyz, seen.cov, points, 1, y, z, repeats, self._against[i])
-            self._against[i] = against if against <= kernels.REVERSED else 0.0
-            if against > kernels.REVERSED:
-                rot[upper] = rot[upper] @ np.diag([-1.0, 1.0, -1.0])
-                q[carrying], q[elbow] = -q[carrying], -q[elbow]
-                # the hand stays as it is
-                q[pronation] -= np.copysign(np.pi, q[pronation] - tree.limits[pronation, 0].mean())
-                at = tree.dof[upper]
-                negated = [at, at + 2, tree.dof[carrying], tree.dof[elbow]]
-                sign[negated], sign[np.add(negated, size)] = -1.0, -1.0
-        if (sign > 0).all():
-            return None
-        return State(q, rot, sign[size:] * state.velocity, sign[:, None] * state.cov * sign)
+    def reversed(self, state: State, seen: Measurement, repeats: float) -> tuple[_Arm, ...]:
+        """The arms that must be reversed in this state."""
+        tree_kernels.forward_kinematics(self._tree, state.q, state.rot, self._frame, self._origin)
+        found = []
+        for arm, before in self._against.items():
+            _, y, z = self._frame[arm.upper].T.copy()
+            points = np.array(arm.points)
+            against = kernels.evidence_against(seen.xyz, seen.cov, points, 1, y, z, repeats, before)
+            self._against[arm] = against if against <= kernels.REVERSED else 0.0
+            found += [arm] if against > kernels.REVERSED else []
+        return tuple(found)
+
+
+def _with_arms_turned(tree: tree_kernels.Tree, state: State, arms: Iterable[_Arm]) -> State:
+    """The state with its points where they are and the elbows of these arms bent to the other side; twice is as it was."""
+    size = len(state.velocity)
+    q, rot, sign = state.q.copy(), state.rot.copy(), np.ones(2 * size)
+    for upper, carrying, elbow, pronation, _ in arms:
+        rot[upper] = rot[upper] @ np.diag([-1.0, 1.0, -1.0])
+        q[carrying], q[elbow] = -q[carrying], -q[elbow]
+        # the hand stays as it is
+        q[pronation] -= np.copysign(np.pi, q[pronation] - tree.limits[pronation, 0].mean())
+        at = tree.dof[upper]
+        negated = [at, at + 2, tree.dof[carrying], tree.dof[elbow]]
+        sign[negated], sign[np.add(negated, size)] = -1.0, -1.0
+    return State(q, rot, sign[size:] * state.velocity, sign[:, None] * state.cov * sign)
 
 
 class BodyFilter:
@@ -187,9 +211,8 @@ class BodyFilter:
         else:
             filtered = self._next(self._last, seen, information)
             repeats = self._repeats((seen.t_ns - self._last.t_ns) * 1e-9)
-            if self.settings.joint_limits and (turned := self._arms.turned(filtered.state, seen, repeats)):
-                # the smoother stops here: before, the arm was reversed
-                filtered = FilteredStep(seen.t_ns, turned, None, None)
+            if self.settings.joint_limits and (arms := self._arms.reversed(filtered.state, seen, repeats)):
+                filtered = replace(filtered, state=_with_arms_turned(self.tree, filtered.state, arms), turned=arms)
         self._last = filtered
         if usable.any():
             self._seen_ns = seen.t_ns
@@ -225,14 +248,14 @@ class BodyFilter:
         return FilteredStep(seen.t_ns, State(q, rot, np.zeros(size), cov), None, None)
 
     def _next(self, last: FilteredStep, seen: Measurement, information: Array) -> FilteredStep:
-        tree, s = self.tree, self.settings
+        tree = self.tree
         elapsed_s = (seen.t_ns - last.t_ns) * 1e-9
         q, rot, velocity, cov = (a.copy() for a in (last.state.q, last.state.rot, last.state.velocity, last.state.cov))
-        transition = fit_kernels.predict(tree, elapsed_s, s.velocity_memory_s, SLACK_S, q, rot, velocity, cov)
+        transition = fit_kernels.predict(tree, elapsed_s, _VELOCITY_MEMORY_S, SLACK_S, q, rot, velocity, cov)
         expected = State(q.copy(), rot.copy(), velocity.copy(), cov.copy())
         prior = tree_kernels.inverse(np.ascontiguousarray(cov[: tree.size, : tree.size]))
         repeats = self._repeats(elapsed_s)
-        hessian = self._fit(q, rot, prior, seen, information, repeats=repeats, habit=HABIT_S / elapsed_s, steps=s.iterations)
+        hessian = self._fit(q, rot, prior, seen, information, repeats=repeats, habit=HABIT_S / elapsed_s, steps=_ITERATIONS)
         step = tree_kernels.difference(tree, q, rot, expected.q, expected.rot)
         fit_kernels.absorb(cov, prior, tree_kernels.inverse(hessian), step, velocity)
         return FilteredStep(seen.t_ns, State(q, rot, velocity, cov), expected, transition)
@@ -274,15 +297,21 @@ def smoothed(filter_: BodyFilter, seen: Iterable[Measurement]) -> Iterator[tuple
 def _smoothed_block(
     tree: tree_kernels.Tree, kept: list[tuple[Measurement, FilteredStep | None]], count: int
 ) -> Iterator[tuple[Measurement, State | None]]:
-    """The first `count` of these steps, smoothed with all of them."""
+    """The first `count` of these steps, smoothed with all of them.
+
+    An arm that was found to be reversed is turned in all steps before that in which its elbow is bent backwards.
+    """
     states: list[State | None] = []
     after, later = None, None
+    backwards: set[_Arm] = set()
     for place in range(len(kept) - 1, -1, -1):
         filtered = kept[place][1]
+        backwards |= set(after.turned if after is not None else ())
         later = _smoothed_state(tree, filtered, after, later)
         after = filtered
+        backwards = {arm for arm in backwards if later is not None and later.q[arm.elbow] < 0}
         if place < count:
-            states.append(later)
+            states.append(_with_arms_turned(tree, later, backwards) if later is not None and backwards else later)
     return ((kept[place][0], state) for place, state in enumerate(reversed(states)))
 
 
@@ -294,6 +323,7 @@ def _smoothed_state(
         return None
     if after is None or later is None or after.expected is None or after.transition is None:
         return filtered.state
+    later = _with_arms_turned(tree, later, after.turned) if after.turned else later
     moved = tree_kernels.difference(tree, later.q, later.rot, after.expected.q, after.expected.rot)
     change = np.concatenate([moved, later.velocity - after.expected.velocity])
     step, cov = fit_kernels.smooth_step(filtered.state.cov, *after.transition, after.expected.cov, later.cov, change)

@@ -13,7 +13,7 @@ from posefuse.core.arrays import Array, give_away, take_back
 from posefuse.core.skeleton import SIDES
 from posefuse.core.view_sequences import PartsOfViews
 from posefuse.kinematics.joints import FrameBuffers, frames_of, joints_from_poses, joints_value
-from posefuse.kinematics.settings import BodySettings, JointSettings
+from posefuse.kinematics.settings import BodySettings
 
 from .contacts import FOOT, contacts_of, foot_rows
 from .filter import BodyFilter, Measurement, of_points, smoothed
@@ -62,8 +62,8 @@ def fit_poses(
         InputError: a person was never seen well enough to have a skeleton; left and right are swapped.
     """
     settings = settings or BodySettings()
-    bodies = bodies if bodies is not None else bodies_from_poses(sequence, settings)
-    work = FrameBuffers(sequence.skeleton, JointSettings())
+    bodies = bodies if bodies is not None else bodies_from_poses(sequence)
+    work = FrameBuffers(sequence.skeleton)
     poses = _Written(sequence, settings)
     return poses.fit(_fit(sequence, _points_of(sequence), settings, bodies, work, poses))
 
@@ -95,10 +95,10 @@ def fit_views(
     no person: of an hour, each takes much memory.
     """
     settings = settings or BodySettings()
-    projections, work = rig.projections(), FrameBuffers(sequence.skeleton, JointSettings())
+    projections, work = rig.projections(), FrameBuffers(sequence.skeleton)
     start = sequence if lengths is None else with_stand_ins(sequence, lengths)
     if bodies is None:
-        bodies = bodies_from_poses(start, settings)
+        bodies = bodies_from_poses(start)
     # keypoints of one body: among fused ones that do not belong together, rays may lead to a pose that explains only a few
     near = _Written(start, settings, poses=False)
     _fit(start, _points_of(start), settings, bodies, work, near)

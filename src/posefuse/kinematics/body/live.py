@@ -74,7 +74,7 @@ class LearntBody:
 
     def _learn(self) -> None:
         _, xyz, cov, frames = (np.array(column) for column in zip(*self._samples, strict=True))
-        body = body_from_frames(self._skeleton, xyz, cov, frames, self._settings.symmetric)
+        body = body_from_frames(self._skeleton, xyz, cov, frames)
         if body is not None:
             self._way = _Way(self.body, with_expected_lengths(body, self._prior, self._live.length_sigma_m))
 

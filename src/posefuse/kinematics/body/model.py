@@ -144,7 +144,7 @@ class BodyModel:
         return [node.name for node in self.nodes].index(name)
 
 
-def bodies_from_poses(sequence: PoseSequence, settings: BodySettings | None = None) -> dict[int, BodyModel]:
+def bodies_from_poses(sequence: PoseSequence) -> dict[int, BodyModel]:
     """Each person's skeleton, by person_id, from all the time steps they were seen.
 
     Lengths are medians over time, freed of the part that noise adds (a noisy distance is too long on average). What a
@@ -157,11 +157,9 @@ def bodies_from_poses(sequence: PoseSequence, settings: BodySettings | None = No
         InputError: that is so of everybody; left and right are swapped.
     """
     # the angles go at once: of an hour they take much memory
-    rotation, chosen = joints_from_poses(sequence).world_from_segment.matrix(), settings or BodySettings()
+    rotation = joints_from_poses(sequence).world_from_segment.matrix()
     bodies = {
-        person: body_from_frames(
-            sequence.skeleton, sequence.xyz_world[:, n], sequence.cov_world[:, n], rotation[:, n], chosen.symmetric
-        )
+        person: body_from_frames(sequence.skeleton, sequence.xyz_world[:, n], sequence.cov_world[:, n], rotation[:, n])
         for n, person in enumerate(sequence.person_id.tolist())
     }
     known = {person: body for person, body in bodies.items() if body is not None}
@@ -173,12 +171,12 @@ def bodies_from_poses(sequence: PoseSequence, settings: BodySettings | None = No
     return known
 
 
-def body_from_frames(skeleton: Skeleton, xyz: Array, cov: Array, rotation: Array, symmetric: bool) -> BodyModel | None:
+def body_from_frames(skeleton: Skeleton, xyz: Array, cov: Array, rotation: Array) -> BodyModel | None:
     """One person's skeleton from keypoints (T, K, 3), (T, K, 3, 3) and segment frames (T, S, 3, 3); None if hardly ever seen."""
     points, variance = landmarks(xyz, skeleton), np.trace(cov, axis1=-2, axis2=-1) / 3
     noise_var = float(_median(variance.ravel())) if np.isfinite(variance).any() else 0.0
     frame = {name: rotation[:, SEGMENT_NAMES.index(name)] for name in SEGMENT_NAMES}
-    lengths = _lengths(points, noise_var, symmetric)
+    lengths = _lengths(points, noise_var)
     if "pelvis" not in lengths or "trunk" not in lengths:
         return None
     offsets = _offsets(points, frame, lengths)
@@ -211,7 +209,8 @@ def _median(values: Array) -> Array:
     return np.asarray((lower + upper) / 2)
 
 
-def _lengths(points: dict[str, Array], noise_var: float, symmetric: bool) -> dict[str, Length]:
+def _lengths(points: dict[str, Array], noise_var: float) -> dict[str, Length]:
+    """Of every segment that was seen; left and right share one."""
     spans = {"pelvis": points["right_hip"] - points["left_hip"], "shoulders": points["right_shoulder"] - points["left_shoulder"]}
     spans["trunk"] = (points["left_shoulder"] + points["right_shoulder"] - points["left_hip"] - points["right_hip"]) / 2
     for side in SIDES:
@@ -228,12 +227,11 @@ def _lengths(points: dict[str, Array], noise_var: float, symmetric: bool) -> dic
         ends_var = noise_var * (1.0 if name == "trunk" else 2.0)
         # two directions across the bone add their variance to the squared length
         lengths[name] = Length(float(np.sqrt(max(middle**2 - 2 * ends_var, (0.5 * middle) ** 2))), float(spread))
-    if symmetric:
-        for bone in LIMB_ENDS:
-            left, right = (f"{side}_{bone}" for side in SIDES)
-            if left in lengths and right in lengths:
-                shared_m = (lengths[left].value_m + lengths[right].value_m) / 2
-                lengths |= {name: replace(lengths[name], value_m=shared_m) for name in (left, right)}
+    for bone in LIMB_ENDS:
+        left, right = (f"{side}_{bone}" for side in SIDES)
+        if left in lengths and right in lengths:
+            shared_m = (lengths[left].value_m + lengths[right].value_m) / 2
+            lengths |= {name: replace(lengths[name], value_m=shared_m) for name in (left, right)}
     return lengths
 
 
@@ -336,6 +334,8 @@ def landmark_rows(body: BodyModel) -> Array:
     return rows
 
 
+# white acceleration of the pelvis, square root of its spectral density, as `turn_accel_rad_s15` of the joints
+_MOVE_ACCEL_M_S15 = 1.5
 HABIT_S = 1.0  # a preference counts as one measurement in this time
 SLACK_S = 0.5
 
@@ -350,7 +350,7 @@ def tree_from_body(body: BodyModel, settings: BodySettings) -> Tree:
         if node.slack:
             slack_var[dof[n]] = node.sd**2
         elif node.kind == SLIDE:
-            accel[dof[n]] = settings.move_accel_m_s15
+            accel[dof[n]] = _MOVE_ACCEL_M_S15
     return Tree(
         parent=np.array([names.index(node.parent) if node.parent else -1 for node in nodes]),
         kind=np.array([node.kind for node in nodes]),
