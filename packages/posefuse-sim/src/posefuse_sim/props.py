@@ -13,7 +13,7 @@ import numpy as np
 from annotated_types import Ge, Gt
 from pydantic import Field
 
-from posefuse.calibration.targets.kinds import black_modules
+from posefuse.calibration.targets.kinds import board_picture
 from posefuse.core import SE3, ConfigError
 from posefuse.core.arrays import Array, freeze_fields
 from posefuse.core.errors import choices
@@ -277,7 +277,7 @@ def _board(prop: CharucoBoard) -> Prop:
     dictionary = _dictionary(prop.name, prop.dictionary, (columns * rows) // 2 - 1)
     board = cv2.aruco.CharucoBoard((columns, rows), prop.square_m, prop.marker_m, dictionary)
     square_px = max(48, 1536 // max(columns, rows))
-    picture = _squares_and_markers(board, square_px)
+    picture = np.round(_PAPER_WHITE * board_picture(board, square_px)).astype(np.uint8)
     margin_px = int(np.ceil(_MARGIN_M / prop.square_m * square_px)) + 1
     picture = np.pad(picture, margin_px, constant_values=_PAPER_WHITE)
     height, width = picture.shape
@@ -295,28 +295,6 @@ def _board(prop: CharucoBoard) -> Prop:
     ids, markers = np.asarray(board.getIds()).ravel(), centred(np.array(board.getObjPoints()))
     chess = centred(np.asarray(board.getChessboardCorners()))
     return _made(prop, ids, markers, chess, (vertices, uv * used, faces), texture)
-
-
-def _squares_and_markers(board: cv2.aruco.CharucoBoard, square_px: int) -> Array:
-    """(rows, columns) px of a board: where an edge of a marker lies within a pixel, the pixel is black by the share covered.
-
-    OpenCV's own image of a board moves each marker by up to a pixel of it.
-    """
-    columns, rows = board.getChessboardSize()
-    white = np.indices((rows, columns)).sum(axis=0) % 2
-    picture = np.kron(white, np.full((square_px, square_px), float(_PAPER_WHITE)))
-    for marker_id, corners in zip(np.ravel(board.getIds()).tolist(), np.array(board.getObjPoints(), np.float64), strict=True):
-        black = black_modules(board.getDictionary(), marker_id)
-        edges_px = np.linspace(corners[0, :2], corners[2, :2], len(black) + 1) / board.getSquareLength() * square_px
-        across, down = (_covered(edges_px[:, axis], picture.shape[1 - axis]) for axis in (0, 1))
-        picture -= _PAPER_WHITE * down @ black @ across.T
-    return np.round(picture).astype(np.uint8)
-
-
-def _covered(edges_px: Array, count: int) -> Array:
-    """(count, cells) share of each pixel in a row that lies between each two neighbouring edges."""
-    first = np.arange(count)[:, None]
-    return np.diff(np.clip(edges_px, first, first + 1), axis=1)
 
 
 def _made(

@@ -42,6 +42,24 @@ def black_modules(dictionary: Any, marker: int) -> Array:
     return np.asarray(dictionary.generateImageMarker(marker, dictionary.markerSize + 2) < 128)
 
 
+def board_picture(board: Any, square_px: int) -> Array:
+    """(H, W) share of white in each pixel of one of OpenCV's ChArUco boards, whose own pictures move markers by up to a pixel."""
+    columns, rows = board.getChessboardSize()
+    picture = np.kron(np.indices((rows, columns)).sum(axis=0) % 2, np.ones((square_px, square_px)))
+    for marker_id, corners in zip(np.ravel(board.getIds()).tolist(), np.array(board.getObjPoints(), np.float64), strict=True):
+        black = black_modules(board.getDictionary(), marker_id)
+        edges_px = np.linspace(corners[0, :2], corners[2, :2], len(black) + 1) / board.getSquareLength() * square_px
+        first, end = np.floor(edges_px[0]).astype(int), np.ceil(edges_px[-1]).astype(int)
+        across, down = (_covered(edges_px[:, axis], np.arange(first[axis], end[axis])) for axis in (0, 1))
+        picture[first[1] : end[1], first[0] : end[0]] -= down @ black @ across.T
+    return picture
+
+
+def _covered(edges_px: Array, pixel: Array) -> Array:
+    """(pixels, cells) share of each pixel of a row that lies between each two neighbouring edges."""
+    return np.diff(np.clip(edges_px, pixel[:, None], pixel[:, None] + 1), axis=1)
+
+
 def _check_positive(owner: str, **values: float) -> None:
     for name, value in values.items():
         if not (np.isfinite(value) and value > 0):

@@ -21,7 +21,7 @@ from scipy.special import factorial, ndtr
 
 from posefuse.core.arrays import SIGMA_PER_MAD, Array
 
-from .kinds import Charuco
+from .kinds import Charuco, board_picture
 
 # white seen around the marker, in modules: all printed markers have that much
 _MARGIN = 0.6
@@ -298,12 +298,10 @@ class BoardFit:
     """One side of a board, laid over images."""
 
     def __init__(self, target: Charuco, side: int) -> None:
-        self._columns = target.columns
-        square_px = min(_SQUARE_PX, _MOST_PX // max(target.columns, target.rows))
-        size = (target.columns * square_px, target.rows * square_px)
-        printed = target.board(side).generateImage(size)
+        self._board, self._columns = target.board(side), target.columns
+        self._most_px = min(_SQUARE_PX, _MOST_PX // max(target.columns, target.rows))
         # with a square of white around it; by the px of a square
-        self._pictures = {square_px: np.pad(printed, square_px, constant_values=255)}
+        self._pictures: dict[int, Array] = {}
 
     def refined(self, grey: Array, corner: Array, xy_img: Array) -> Array:
         """(n, 2) px of four or more corners (n,) that were read at xy_img (n, 2); NaN where something else is seen there.
@@ -344,13 +342,12 @@ class BoardFit:
 
     def _picture(self, square_px: float) -> tuple[Array, int]:
         """The printed side, a little finer than the image, and the px of its squares."""
-        largest = max(self._pictures)
         # few sizes are kept
-        wanted = min(largest, 2 ** int(np.ceil(np.log2(_PICTURE_FINER * square_px))))
-        if wanted not in self._pictures:
-            height, width = (side // largest * wanted for side in self._pictures[largest].shape)
-            self._pictures[wanted] = cv2.resize(self._pictures[largest], (width, height), interpolation=cv2.INTER_AREA)
-        return self._pictures[wanted], wanted
+        px = min(self._most_px, 2 ** int(np.ceil(np.log2(_PICTURE_FINER * square_px))))
+        if px not in self._pictures:
+            printed = np.round(255 * board_picture(self._board, px)).astype(np.uint8)
+            self._pictures[px] = np.pad(printed, px, constant_values=255)
+        return self._pictures[px], px
 
 
 def _laid(px_from_squares: Array, squares: Array) -> tuple[Array, Array]:
