@@ -169,14 +169,6 @@ def test_a_view_with_sides_exchanged_still_is_the_person(ring_rig, body):
     np.testing.assert_array_equal(views.xy_img[0, 1], reports[1].xy_img[0])
 
 
-def test_no_person_anywhere(ring_rig):
-    rig = ring_rig(3)
-    views = associate([Detections2D.empty(c.name, 5, COCO) for c in rig], rig, AssociateSettings())
-    assert views.person_id.tolist() == []
-    assert views.xy_img.shape == (0, 3, 17, 2)
-    assert views.t_ns == 5
-
-
 def test_nan_and_zero_scores_count_for_nothing(ring_rig, body):
     rig = ring_rig(3)
     reports, _ = detections(rig, crowd(body, "here"))
