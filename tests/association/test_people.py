@@ -35,7 +35,7 @@ def detections(rig: Rig, people: np.ndarray, noise_px: float = 2.0, seed: int = 
     for camera in rig:
         who = rng.permutation(len(people))
         xy = camera.project(people[who]) + rng.normal(size=(len(people), 17, 2)) * noise_px
-        reports.append(built.detections(camera.name, xy, t_ns, score=0.8))
+        reports.append(built.detections(camera.name, xy, t_ns, score=0.8, sigma_px=2.0 + 0.01 * who[:, None]))
         order.append(who)
     return reports, order
 
@@ -50,16 +50,7 @@ def assert_is(views, row: int, reports, order, person: int, cameras=None):
     for c in range(len(reports)) if cameras is None else cameras:
         place = int(np.flatnonzero(order[c] == person)[0])
         np.testing.assert_array_equal(views.xy_img[row, c], reports[c].xy_img[place])
-
-
-@pytest.mark.parametrize("count", [2, 3, 4, 8])
-def test_a_lone_person_is_found_in_every_camera(ring_rig, body, count):
-    rig = ring_rig(count)
-    reports, order = detections(rig, crowd(body, "here"))
-    views = associate(reports, rig, AssociateSettings())
-    assert views.person_id.tolist() == [0]
-    assert_is(views, 0, reports, order, 0)
-    np.testing.assert_array_equal(views.sigma_px[0, 1], reports[1].sigma_px[0])
+        np.testing.assert_array_equal(views.sigma_px[row, c], reports[c].sigma_px[place])
 
 
 def test_rays_of_a_pair_are_as_far_apart_as_least_squares_finds(ring_rig, body):
@@ -96,7 +87,7 @@ def test_the_one_already_followed_among_bystanders(ring_rig, body, followed):
 
 @pytest.mark.parametrize("name", PLACES)
 def test_the_one_at_a_place(ring_rig, body, name):
-    rig = ring_rig(4)
+    rig = ring_rig(8)
     reports, order = detections(rig, crowd(body, *PLACES))
     views = associate(reports, rig, AssociateSettings(near_xy_m=PLACES[name]))
     assert_is(views, 0, reports, order, list(PLACES).index(name))
@@ -176,14 +167,6 @@ def test_a_view_with_sides_exchanged_still_is_the_person(ring_rig, body):
     reports[1] = replace(reports[1], xy_img=reports[1].xy_img[:, COCO.mirror])
     views = associate(reports, rig, AssociateSettings())
     np.testing.assert_array_equal(views.xy_img[0, 1], reports[1].xy_img[0])
-
-
-def test_no_person_anywhere(ring_rig):
-    rig = ring_rig(3)
-    views = associate([Detections2D.empty(c.name, 5, COCO) for c in rig], rig, AssociateSettings())
-    assert views.person_id.tolist() == []
-    assert views.xy_img.shape == (0, 3, 17, 2)
-    assert views.t_ns == 5
 
 
 def test_nan_and_zero_scores_count_for_nothing(ring_rig, body):

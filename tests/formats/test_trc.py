@@ -32,14 +32,6 @@ def test_round_trip(tmp_path_factory: pytest.TempPathFactory, times: int, marker
     assert_same(read_trc(path), data, atol=1e-6)
 
 
-def test_axes_are_turned_at_the_door(tmp_path: Path) -> None:
-    data = TrcData(names=("a",), t_s=np.array([0.0]), xyz_world=np.array([[[1.0, 2.0, 3.0]]]), rate_hz=60.0)
-    write_trc(tmp_path / "a.trc", data, "mm")
-    cells = (tmp_path / "a.trc").read_text().splitlines()[6].split("\t")
-    # Y of the file is up: our Z
-    assert [float(cell) for cell in cells[2:5]] == [2000, 3000, 1000]
-
-
 def test_the_header_is_opensims(tmp_path: Path) -> None:
     write_trc(tmp_path / "a.trc", some_points())
     lines = (tmp_path / "a.trc").read_text().splitlines()

@@ -243,17 +243,6 @@ def test_wild_keypoints_do_not_pull(world):
     assert mean_error_m(w, poses) < 1.35 * mean_error_m(w, clean)
 
 
-def test_who_leaves_is_dropped_and_may_return(world):
-    w = world(motion="stand")
-    away = [v for v in w.views(3.0) if not 1e9 < v.t_ns < 2e9]
-    _, poses = run(w, away, 3.0, lost_after_s=0.5)
-    there = {round(pose.t_ns / 1e7): len(pose.person_id) for pose in poses}
-    assert there[100] == 1
-    assert there[180] == 0
-    assert there[260] == 1
-    assert poses[-1].person_id.tolist() == [0]
-
-
 def test_two_people_keep_their_names_and_a_bystander_has_none(world, detections_of):
     w = world(motion="stand")
     body = w.place(0)
