@@ -242,29 +242,25 @@ def newcomers(candidates: Candidates, free: Array, count: int, skeleton: Skeleto
         return people
     support, share = agreement(candidates, poses, settings.tolerance_m)
     support = np.where(share >= settings.min_share, support, 0.0) * free
-    by_camera = _best_by_camera(candidates, support)
-    while len(people) < count:
-        best = _most_convincing(by_camera, poses, views, settings)
-        if best is None:
-            break
+    total = _support_of_all(candidates, support)
+    while len(people) < count and total.max() > 0:
+        best = _most_convincing(total, poses, settings)
         members = refined_members(candidates, best_per_camera(candidates, support[best]), free, settings)
-        support[best], by_camera[best] = 0.0, 0.0
+        support[best], total[best] = 0.0, 0.0
         if len(members) >= views[best] and _is_a_body(candidates, members, skeleton, settings):
             people.append(members)
             free[members] = False
             # the proposals of this person alone change
             changed = support[:, members].any(axis=1)
             support[:, members] = 0.0
-            by_camera[changed] = _best_by_camera(candidates, support[changed])
+            total[changed] = _support_of_all(candidates, support[changed])
     return people
 
 
-def _best_by_camera(candidates: Candidates, support: Array) -> Array:
-    """(H, C) the most support that proposals (H, R) have in each camera."""
-    by_camera = np.zeros((len(support), int(candidates.camera.max()) + 1))
-    for c in range(by_camera.shape[1]):
-        by_camera[:, c] = support[:, candidates.camera == c].max(axis=1, initial=0.0)
-    return by_camera
+def _support_of_all(candidates: Candidates, support: Array) -> Array:
+    """(H,) the most support that proposals (H, D) have in each camera, together."""
+    first = np.unique(candidates.camera, return_index=True)[1]
+    return np.asarray(np.maximum.reduceat(support, first, axis=1).sum(axis=1))
 
 
 def _is_a_body(candidates: Candidates, members: Array, skeleton: Skeleton, settings: AssociateSettings) -> bool:
@@ -307,11 +303,8 @@ def _of_pairs(candidates: Candidates, free: Array, settings: AssociateSettings) 
     return np.asarray(poses[keep])
 
 
-def _most_convincing(by_camera: Array, poses: Array, views: Array, settings: AssociateSettings) -> int | None:
-    """The proposal with the most support (H, C) over enough cameras, or the nearest to `near_xy_m`; None when there is none."""
-    total = np.where((by_camera > 0).sum(axis=1) >= views, by_camera.sum(axis=1), 0.0)
-    if not total.max() > 0:
-        return None
+def _most_convincing(total: Array, poses: Array, settings: AssociateSettings) -> int:
+    """The proposal with the most support (H,), or the one nearest to `near_xy_m` of those that have any."""
     if settings.near_xy_m is None:
         return int(np.argmax(total))
     place = np.nanmedian(poses[..., :2], axis=1)
