@@ -185,14 +185,21 @@ def best_per_camera(candidates: Candidates, support: Array) -> Array:
     return np.sort(order[first])
 
 
-def refined_members(candidates: Candidates, members: Array, free: Array, settings: AssociateSettings) -> Array:
-    """Fuse the members and ask every free detection again; once more with the answer. A single member stays as it is."""
+def refined_members(candidates: Candidates, members: Array, free: Array, settings: AssociateSettings) -> tuple[Array, Array]:
+    """Fuse the members and ask every free detection again; once more with the answer. A single member stays as it is.
+
+    Returns:
+        The members, and their points (K, 3).
+    """
     for _ in range(2):
-        if len(members) < 2:
-            return members
         pose = joint_points(candidates, members, settings.tolerance_m)
+        if len(members) < 2:
+            return members, pose
         if np.isfinite(pose[:, 0]).sum() < LEAST_POINTS:
-            return members[:0]
+            return members[:0], pose
         support, share = agreement(candidates, pose[None], settings.tolerance_m)
-        members = best_per_camera(candidates, np.where((share[0] >= settings.min_share) & free, support[0], 0.0))
-    return members
+        before, fits = members, (share[0] >= settings.min_share) & free
+        members = best_per_camera(candidates, np.where(fits, support[0], 0.0))
+        if np.array_equal(members, before):
+            return members, pose
+    return members, joint_points(candidates, members, settings.tolerance_m)

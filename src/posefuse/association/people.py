@@ -168,8 +168,8 @@ def _follow(
     for row in np.argsort(-support.sum(axis=1), kind="stable"):
         open_to = mine[row] & free
         members = best_per_camera(candidates, np.where(open_to, support[row], 0.0))
-        members = refined_members(candidates, members, open_to, settings)
-        if len(members) and _is_near(candidates, members, followed[row].xyz_world, reach[row], settings):
+        members, pose = refined_members(candidates, members, open_to, settings)
+        if len(members) and _is_near(candidates, members, pose, followed[row].xyz_world, reach[row], settings):
             found[followed[row].person_id] = members
             free[members] = False
     return found
@@ -185,14 +185,15 @@ def _one_each(camera: Array, support: Array) -> Array:
     return mine
 
 
-def _is_near(candidates: Candidates, members: Array, before: Array, reach_m: float, settings: AssociateSettings) -> bool:
+def _is_near(
+    candidates: Candidates, members: Array, pose: Array, before: Array, reach_m: float, settings: AssociateSettings
+) -> bool:
     """Whether the members' pose is where the person can be: a bystander in front of them in one view is not."""
-    alone = joint_points(candidates, members, settings.tolerance_m) if len(members) == 1 else None
-    if alone is not None and not np.isfinite(alone[:, 0]).any():
+    if len(members) == 1 and not np.isfinite(pose[:, 0]).any():
         # one view without depth has no distance: it must fit the previous pose closely, size included
         _, share = agreement(candidates, before[None], settings.tolerance_m)
         return bool(share[0, members[0]] >= _ALONE_SHARE)
-    return median_apart(joint_points(candidates, members, settings.tolerance_m), before) <= reach_m
+    return median_apart(pose, before) <= reach_m
 
 
 def _assignment(cameras: int, candidates: Candidates, found: dict[int, Array]) -> Assignment:
@@ -245,9 +246,9 @@ def newcomers(candidates: Candidates, free: Array, count: int, skeleton: Skeleto
     total = _support_of_all(candidates, support)
     while len(people) < count and total.max() > 0:
         best = _most_convincing(total, poses, settings)
-        members = refined_members(candidates, best_per_camera(candidates, support[best]), free, settings)
+        members, pose = refined_members(candidates, best_per_camera(candidates, support[best]), free, settings)
         support[best], total[best] = 0.0, 0.0
-        if len(members) >= views[best] and _is_a_body(candidates, members, skeleton, settings):
+        if len(members) >= views[best] and _is_a_body(members, pose, skeleton, settings):
             people.append(members)
             free[members] = False
             # the proposals of this person alone change
@@ -263,14 +264,13 @@ def _support_of_all(candidates: Candidates, support: Array) -> Array:
     return np.asarray(np.maximum.reduceat(support, first, axis=1).sum(axis=1))
 
 
-def _is_a_body(candidates: Candidates, members: Array, skeleton: Skeleton, settings: AssociateSettings) -> bool:
+def _is_a_body(members: Array, pose: Array, skeleton: Skeleton, settings: AssociateSettings) -> bool:
     """Whether a newcomer can be one: a third view that agrees shows it, fewer must give the size of a human body.
 
     The rays of two different people in two views meet in anything, and depth may be that of anything.
     """
     if len(members) > 2:
         return True
-    pose = joint_points(candidates, members, settings.tolerance_m)
     lengths = body_lengths_m(pose[None], skeleton)
     if len(members) == 1 and not np.isfinite(lengths).any():
         return False
