@@ -15,12 +15,12 @@ from posefuse.core.values import UNSEEN
 
 from .settings import AssociateSettings
 
-# factor on the support of a detection with left and right swapped
+# factor on the support of a detection with left and right swapped; 1: IDF1 of rendered people who hug falls from 0.832 to 0.821
 _TURNED_SHARE = 0.7
 # squared sine of the angle between two rays that meet nowhere
 _PARALLEL = 1e-4
-# of weighing rays by their distances, until a ray that does not belong hardly counts
-_ROUNDS = 4
+# of weighing rays by their distances: with one, rendered people who hug are exchanged three times; four are no better than two
+_ROUNDS = 2
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

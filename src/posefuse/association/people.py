@@ -33,8 +33,6 @@ from .traits import body_lengths_m, plausible_share
 # chosen, not fitted: a single view without depth must fit in more keypoints than `AssociateSettings.min_share`, since no other
 # view contradicts it
 _ALONE_SHARE = 0.7
-# what support within reach counts compared with support within the tolerance
-_FAR_SHARE = 0.05
 # measured so shortly before the newest, a person is in sight; the place of one out of sight is a guess, which counts less
 _IN_SIGHT_S, _GUESS_WEIGHT = 0.02, 0.5
 
@@ -158,12 +156,12 @@ def _follow(
         return found
     reach = np.array([min(_reach_m(one.age_s, settings), 4 * settings.tolerance_m) for one in followed])
     expected = np.stack([one.xyz_world for one in followed])
-    far, share = agreement(candidates, expected, reach)
+    _, share = agreement(candidates, expected, reach)
     # how closely it fits decides between people; within reach it only can be one of them
     support, _ = agreement(candidates, expected, settings.tolerance_m)
     newest_s = min(one.age_s for one in followed)
     weight = np.array([1.0 if one.age_s <= newest_s + _IN_SIGHT_S else _GUESS_WEIGHT for one in followed])
-    support = np.where(share >= settings.min_share, (support + _FAR_SHARE * far) * weight[:, None] * hinted, 0.0)
+    support = np.where(share >= settings.min_share, support * weight[:, None] * hinted, 0.0)
     mine = _one_each(candidates.camera, np.where(free, support, 0.0))
     for row in np.argsort(-support.sum(axis=1), kind="stable"):
         open_to = mine[row] & free
