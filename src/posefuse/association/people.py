@@ -33,8 +33,8 @@ from .traits import body_lengths_m, plausible_share
 # chosen, not fitted: a single view without depth must fit in more keypoints than `AssociateSettings.min_share`, since no other
 # view contradicts it
 _ALONE_SHARE = 0.7
-# measured so shortly before the newest, a person is in sight; the place of one out of sight is a guess, which counts less. Chosen,
-# not fitted: without it a wide guess takes the detection of a person in sight
+# measured so shortly before the newest, a person is in sight; the place of one out of sight is a guess, which counts less.
+# Chosen, not fitted: without it a wide guess takes the detection of a person in sight
 _IN_SIGHT_S, _GUESS_WEIGHT = 0.02, 0.5
 
 

@@ -18,8 +18,8 @@ from .start import GATE, consensus, depth_point, linear_start
 USED = 28.0  # weight (KNEE / s)^2 of 0.1: beyond it a view no longer counts as used
 FAR = 20.0 * USED  # squared residual of a linear start beyond which not all views show one point
 PRIOR_DOF = 8.0  # how many residuals the stated sigma is worth when residuals contradict it
-# squared ratio of seen to stated noise from which the stated sigma is taken as wrong. Four simulated cameras whose noise is stated
-# five times too small: 9.5 mm and every point; as stated, 15.5 mm and a quarter of the points missing
+# squared ratio of seen to stated noise from which the stated sigma is taken as wrong. Four simulated cameras whose noise is
+# stated five times too small: 9.5 mm and every point; as stated, 15.5 mm and a quarter of the points missing
 RESCALE = 2.0
 MIN_POINTS = 5  # of three or more views, to judge the stated sigma by
 ATTEMPTS = 5  # chosen, not fitted
