@@ -19,8 +19,9 @@ from .settings import AssociateSettings
 _TURNED_SHARE = 0.7
 # squared sine of the angle between two rays that meet nowhere
 _PARALLEL = 1e-4
-# of weighing rays by their distances: with one, rendered people who hug are exchanged three times; four are no better than two
-_ROUNDS = 2
+# of weighing rays by their distances, until a ray that does not belong hardly counts: with one, rendered people who hug are
+# exchanged three times instead of once
+_ROUNDS = 4
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
