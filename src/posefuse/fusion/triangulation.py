@@ -377,7 +377,7 @@ def _planes_of(
     xy, score, sigma, *deep = (plane.reshape(-1, *plane.shape[len(lead) :]) for plane in planes if plane is not None)
     solved = solved_by(
         settings.weights, rig, xy, score, sigma, settings,
-        depth_of=partial(keypoint_depth, *deep, skeleton=views.skeleton) if deep else None,
+        depth_of=partial(keypoint_depth, deep[0], skeleton=views.skeleton) if deep else None,
         skeleton=views.skeleton, previous_world=previous_world,
     )  # fmt: skip
     found = {
