@@ -7,7 +7,13 @@ from built import standing
 from checks import refusal
 
 from posefuse.association import Assignment, AssociateSettings, assign, associate, hints_after
-from posefuse.association.candidates import agreement, candidates_from_detections, pair_midpoints, refined_members
+from posefuse.association.candidates import (
+    agreement,
+    candidates_from_detections,
+    joint_points,
+    pair_midpoints,
+    refined_members,
+)
 from posefuse.core import SKELETONS, Detections2D, Rig, ShapeError
 from posefuse.core.depth import keypoint_depth
 from posefuse.core.skeleton import COCO17
@@ -69,10 +75,11 @@ def test_rays_of_a_pair_are_as_far_apart_as_least_squares_finds(ring_rig, body):
 def test_two_detections_of_a_person_find_those_of_the_other_cameras(ring_rig, body):
     rig = ring_rig(4)
     found = candidates_from_detections(detections(rig, crowd(body, "here"))[0], rig)
-    free, settings = np.ones(4, bool), AssociateSettings()
-    assert refined_members(found, np.array([0, 2]), free, settings).tolist() == [0, 1, 2, 3]
-    assert refined_members(found, np.array([0, 2]), free & (found.camera != 3), settings).tolist() == [0, 1, 2]
-    assert refined_members(found, np.array([1]), free, settings).tolist() == [1]
+    settings = AssociateSettings()
+    for first, free, members in (([0, 2], [0, 1, 2, 3], [0, 1, 2, 3]), ([0, 2], [0, 1, 2], [0, 1, 2]), ([1], [0, 1, 2, 3], [1])):
+        refined, pose = refined_members(found, np.array(first), np.isin(found.camera, free), settings)
+        assert refined.tolist() == members
+        np.testing.assert_array_equal(pose, joint_points(found, refined, settings.tolerance_m))
 
 
 @pytest.mark.parametrize("followed", [0, 1, 2])

@@ -33,9 +33,8 @@ from .traits import body_lengths_m, plausible_share
 # chosen, not fitted: a single view without depth must fit in more keypoints than `AssociateSettings.min_share`, since no other
 # view contradicts it
 _ALONE_SHARE = 0.7
-# what support within reach counts compared with support within the tolerance
-_FAR_SHARE = 0.05
-# measured so shortly before the newest, a person is in sight; the place of one out of sight is a guess, which counts less
+# measured so shortly before the newest, a person is in sight; the place of one out of sight is a guess, which counts less.
+# Chosen, not fitted: without it a wide guess takes the detection of a person in sight
 _IN_SIGHT_S, _GUESS_WEIGHT = 0.02, 0.5
 
 
@@ -158,18 +157,18 @@ def _follow(
         return found
     reach = np.array([min(_reach_m(one.age_s, settings), 4 * settings.tolerance_m) for one in followed])
     expected = np.stack([one.xyz_world for one in followed])
-    far, share = agreement(candidates, expected, reach)
+    _, share = agreement(candidates, expected, reach)
     # how closely it fits decides between people; within reach it only can be one of them
     support, _ = agreement(candidates, expected, settings.tolerance_m)
     newest_s = min(one.age_s for one in followed)
     weight = np.array([1.0 if one.age_s <= newest_s + _IN_SIGHT_S else _GUESS_WEIGHT for one in followed])
-    support = np.where(share >= settings.min_share, (support + _FAR_SHARE * far) * weight[:, None] * hinted, 0.0)
+    support = np.where(share >= settings.min_share, support * weight[:, None] * hinted, 0.0)
     mine = _one_each(candidates.camera, np.where(free, support, 0.0))
     for row in np.argsort(-support.sum(axis=1), kind="stable"):
         open_to = mine[row] & free
         members = best_per_camera(candidates, np.where(open_to, support[row], 0.0))
-        members = refined_members(candidates, members, open_to, settings)
-        if len(members) and _is_near(candidates, members, followed[row].xyz_world, reach[row], settings):
+        members, pose = refined_members(candidates, members, open_to, settings)
+        if len(members) and _is_near(candidates, members, pose, followed[row].xyz_world, reach[row], settings):
             found[followed[row].person_id] = members
             free[members] = False
     return found
@@ -185,14 +184,15 @@ def _one_each(camera: Array, support: Array) -> Array:
     return mine
 
 
-def _is_near(candidates: Candidates, members: Array, before: Array, reach_m: float, settings: AssociateSettings) -> bool:
+def _is_near(
+    candidates: Candidates, members: Array, pose: Array, before: Array, reach_m: float, settings: AssociateSettings
+) -> bool:
     """Whether the members' pose is where the person can be: a bystander in front of them in one view is not."""
-    alone = joint_points(candidates, members, settings.tolerance_m) if len(members) == 1 else None
-    if alone is not None and not np.isfinite(alone[:, 0]).any():
+    if len(members) == 1 and not np.isfinite(pose[:, 0]).any():
         # one view without depth has no distance: it must fit the previous pose closely, size included
         _, share = agreement(candidates, before[None], settings.tolerance_m)
         return bool(share[0, members[0]] >= _ALONE_SHARE)
-    return median_apart(joint_points(candidates, members, settings.tolerance_m), before) <= reach_m
+    return median_apart(pose, before) <= reach_m
 
 
 def _assignment(cameras: int, candidates: Candidates, found: dict[int, Array]) -> Assignment:
@@ -242,39 +242,34 @@ def newcomers(candidates: Candidates, free: Array, count: int, skeleton: Skeleto
         return people
     support, share = agreement(candidates, poses, settings.tolerance_m)
     support = np.where(share >= settings.min_share, support, 0.0) * free
-    by_camera = _best_by_camera(candidates, support)
-    while len(people) < count:
-        best = _most_convincing(by_camera, poses, views, settings)
-        if best is None:
-            break
-        members = refined_members(candidates, best_per_camera(candidates, support[best]), free, settings)
-        support[best], by_camera[best] = 0.0, 0.0
-        if len(members) >= views[best] and _is_a_body(candidates, members, skeleton, settings):
+    total = _support_of_all(candidates, support)
+    while len(people) < count and total.max() > 0:
+        best = _most_convincing(total, poses, settings)
+        members, pose = refined_members(candidates, best_per_camera(candidates, support[best]), free, settings)
+        support[best], total[best] = 0.0, 0.0
+        if len(members) >= views[best] and _is_a_body(members, pose, skeleton, settings):
             people.append(members)
             free[members] = False
             # the proposals of this person alone change
             changed = support[:, members].any(axis=1)
             support[:, members] = 0.0
-            by_camera[changed] = _best_by_camera(candidates, support[changed])
+            total[changed] = _support_of_all(candidates, support[changed])
     return people
 
 
-def _best_by_camera(candidates: Candidates, support: Array) -> Array:
-    """(H, C) the most support that proposals (H, R) have in each camera."""
-    by_camera = np.zeros((len(support), int(candidates.camera.max()) + 1))
-    for c in range(by_camera.shape[1]):
-        by_camera[:, c] = support[:, candidates.camera == c].max(axis=1, initial=0.0)
-    return by_camera
+def _support_of_all(candidates: Candidates, support: Array) -> Array:
+    """(H,) the most support that proposals (H, D) have in each camera, together."""
+    first = np.unique(candidates.camera, return_index=True)[1]
+    return np.asarray(np.maximum.reduceat(support, first, axis=1).sum(axis=1))
 
 
-def _is_a_body(candidates: Candidates, members: Array, skeleton: Skeleton, settings: AssociateSettings) -> bool:
+def _is_a_body(members: Array, pose: Array, skeleton: Skeleton, settings: AssociateSettings) -> bool:
     """Whether a newcomer can be one: a third view that agrees shows it, fewer must give the size of a human body.
 
     The rays of two different people in two views meet in anything, and depth may be that of anything.
     """
     if len(members) > 2:
         return True
-    pose = joint_points(candidates, members, settings.tolerance_m)
     lengths = body_lengths_m(pose[None], skeleton)
     if len(members) == 1 and not np.isfinite(lengths).any():
         return False
@@ -307,11 +302,8 @@ def _of_pairs(candidates: Candidates, free: Array, settings: AssociateSettings) 
     return np.asarray(poses[keep])
 
 
-def _most_convincing(by_camera: Array, poses: Array, views: Array, settings: AssociateSettings) -> int | None:
-    """The proposal with the most support (H, C) over enough cameras, or the nearest to `near_xy_m`; None when there is none."""
-    total = np.where((by_camera > 0).sum(axis=1) >= views, by_camera.sum(axis=1), 0.0)
-    if not total.max() > 0:
-        return None
+def _most_convincing(total: Array, poses: Array, settings: AssociateSettings) -> int:
+    """The proposal with the most support (H,), or the one nearest to `near_xy_m` of those that have any."""
     if settings.near_xy_m is None:
         return int(np.argmax(total))
     place = np.nanmedian(poses[..., :2], axis=1)

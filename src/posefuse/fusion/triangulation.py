@@ -6,9 +6,9 @@ Which views are rejected is decided in `kernels.robust`.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import lru_cache, partial
 from typing import Any
 
 import numpy as np
@@ -94,6 +94,8 @@ def full_weight(rig: Rig, skeleton: Skeleton, score: Array, xyz_world: Array, se
     return score_weight(score, settings) * np.where(np.isnan(placed), 1.0, placed)
 
 
+# (G, C, K, 2) depths of keypoints and their standard deviations, m, of the keypoints as ideal points (G, C, K, 2)
+DepthOf = Callable[[Array], Array]
 _DEFAULTS = FuseSettings()
 # coefficients of a lens that bends nothing
 _NONE = np.zeros(14)
@@ -166,23 +168,25 @@ def triangulate(
     if weights not in WEIGHTS:
         raise ConfigError(f"triangulate: weights: expected one of {choices(WEIGHTS)}, got {weights!r}")
     xy, score, sigma = _checked(rig, xy_img, score, sigma_px, settings)
+    depth = None if depth_m is None else np.asarray(depth_m, np.float64)
+    if depth is not None and depth.shape != xy.shape:
+        raise ShapeError(f"triangulate: depth_m: expected (..., C, K, 2) = {xy.shape}, got shape {depth.shape}")
     lead = xy.shape[:-3]
     groups = math.prod(lead)
-    depth = _checked_depth(depth_m, xy.shape)
-    depth = None if depth is None else depth.reshape(groups, *depth.shape[len(lead) :])
     xy, score, sigma = (part.reshape(groups, *part.shape[len(lead) :]) for part in (xy, score, sigma))
-    solved = solved_by(weights, rig, xy, score, sigma, settings, depth=depth, skeleton=skeleton)
+    depth_of = None if depth is None else lambda _: depth.reshape(xy.shape)
+    solved = solved_by(weights, rig, xy, score, sigma, settings, depth_of=depth_of, skeleton=skeleton)
     return Triangulated(*(part.reshape(*lead, *part.shape[1:]) for part in vars(solved).values()))
 
 
 def _checked(rig: Rig, xy_img: Any, score: Any, sigma_px: Any, settings: FuseSettings) -> tuple[Array, Array, Array]:
     """Float64 (..., C, K, 2), and (..., C, K) score and sigma."""
-    xy = _plane(xy_img)
+    xy = np.asarray(xy_img, np.float64)
     if xy.ndim < 3 or xy.shape[-1] != 2 or xy.shape[-3] != len(rig):
         raise ShapeError(f"triangulate: xy_img: expected (..., C, K, 2) with C = {len(rig)} cameras, got shape {xy.shape}")
     planes = []
     for name, value in (("score", score), ("sigma_px", sigma_px)):
-        plane = np.full(xy.shape[:-1], np.nan) if value is None else _plane(value)
+        plane = np.full(xy.shape[:-1], np.nan) if value is None else np.asarray(value, np.float64)
         if plane.shape != xy.shape[:-1]:
             raise ShapeError(f"triangulate: {name}: expected (..., C, K) = {xy.shape[:-1]}, got shape {plane.shape}")
         planes.append(plane)
@@ -190,24 +194,11 @@ def _checked(rig: Rig, xy_img: Any, score: Any, sigma_px: Any, settings: FuseSet
     return xy, filled, stated_sigma(xy, filled, planes[1], settings)
 
 
-def _checked_depth(depth_m: Any, shape: tuple[int, ...]) -> Array | None:
-    """Float64 (..., C, K, 2); None where nothing is known, so that it costs nothing."""
-    depth = None if depth_m is None else _plane(depth_m)
-    if depth is not None and depth.shape != shape:
-        raise ShapeError(f"triangulate: depth_m: expected (..., C, K, 2) = {shape}, got shape {depth.shape}")
-    return depth if depth is not None and np.isfinite(depth).all(axis=-1).any() else None
-
-
-def _plane(value: Any) -> Array:
-    """As the kernels want it, copied only where it is not (read-only arrays would be another type to compile for)."""
-    return np.require(value, np.float64, ["C", "W"])
-
-
 def stated_sigma(xy_img: Array, score: Array, sigma_px: Array, settings: FuseSettings) -> Array:
     """sigma_px (..., C, K), and where it is NaN what `FuseSettings.sigma_share` makes of the body's size and the score."""
     unstated = np.isnan(sigma_px)
     if not unstated.any():
-        return np.array(sigma_px)
+        return sigma_px
     full = sigma_of_size(xy_img, settings)
     with np.errstate(divide="ignore"):
         return np.where(unstated, full[..., None] / score, sigma_px)
@@ -228,13 +219,13 @@ def solved_by(
     sigma: Array,
     settings: FuseSettings,
     *,
-    depth: Array | None = None,
+    depth_of: DepthOf | None = None,
     skeleton: Skeleton | None = None,
     previous_world: Array | None = None,
 ) -> Triangulated:
-    """Groups (G, C, K, ...) to points by any weights; `depth` is of ``robust``, skeleton and previous points of ``all``."""
+    """Groups (G, C, K, ...) to points by any weights; `depth_of` is of ``robust``, skeleton and previous points of ``all``."""
     if weights == "robust":
-        return solve_robust(rig, xy_img, score, sigma, settings, depth=depth)
+        return solve_robust(rig, xy_img, score, sigma, settings, depth_of)
     weight = (score > 0).astype(np.float64) if weights == "none" else score_weight(score, settings)
     if weights == "all":
         if skeleton is None:
@@ -247,13 +238,17 @@ def solved_by(
 
 
 def solve_robust(
-    rig: Rig, xy_img: Array, score: Array, sigma: Array, settings: FuseSettings, *, depth: Array | None
+    rig: Rig, xy_img: Array, score: Array, sigma: Array, settings: FuseSettings, depth_of: DepthOf | None = None
 ) -> Triangulated:
     """Robust fusion of groups (G, C, K, ...). Points that have a rival are missing: nothing decides which of the two is right."""
     from .kernels import cameras, robust
 
     ideal, white = whitened(rig, xy_img, np.where((score >= settings.score_min) & (score > 0), sigma, np.nan))
-    xyz, cov, used = np.empty(_shape(ideal, 3)), np.empty(_shape(ideal, 3, 3)), np.empty(sigma.shape, np.bool_)
+    depth = None if depth_of is None else np.array(depth_of(ideal), order="C")
+    # what is known of no view costs nothing
+    depth = depth if depth is not None and np.isfinite(depth).all(axis=-1).any() else None
+    points = (len(ideal), ideal.shape[2], 3)
+    xyz, cov, used = np.empty(points), np.empty((*points, 3)), np.empty(sigma.shape, np.bool_)
     robust.solve_robust(cameras.packed_rig(rig), ideal, white, xyz, cov, used, depth)
     return _solved(rig, xy_img, xyz, cov, used)
 
@@ -263,49 +258,35 @@ def whitened(rig: Rig, xy_img: Array, sigma: Array) -> tuple[Array, Array]:
     from .kernels.lens import remove_lenses
 
     focal, inverse, centre, coefficients, others = _lenses(rig)
-    ideal = (np.where(np.isfinite(xy_img), xy_img, np.nan) - centre) @ inverse
-    by_ideal = np.empty((*xy_img.shape, 2))
-    remove_lenses(coefficients, ideal, by_ideal)
+    ideal = (np.where(np.isfinite(xy_img), xy_img, np.nan) - centre[:, None]) @ inverse
+    px_by_ideal = np.empty((*xy_img.shape, 2))
+    remove_lenses(focal, coefficients, ideal, px_by_ideal)
     for c in others:
         camera = rig.cameras[c]
         ideal[:, c] = camera.norm_from_px(xy_img[:, c])
-        by_ideal[:, c] = slopes(ideal[:, c], camera.distortion, camera.model)
-    return ideal, focal @ by_ideal / np.where((sigma > 0) & np.isfinite(sigma), sigma, np.nan)[..., None, None]
-
-
-@lru_cache(maxsize=32)
-def _poses(rig: Rig) -> Array:
-    """(C, 3, 4) cam_from_world."""
-    return np.stack([camera.cam_from_world.matrix4()[:3] for camera in rig])
+        px_by_ideal[:, c] = focal[c] @ slopes(ideal[:, c], camera.distortion, camera.model)
+    return ideal, px_by_ideal / np.where((sigma > 0) & np.isfinite(sigma), sigma, np.nan)[..., None, None]
 
 
 @lru_cache(maxsize=32)
 def _lenses(rig: Rig) -> tuple[Array, Array, Array, Array, list[int]]:
-    """Focal part of the intrinsic matrices (C, 1, 2, 2), its inverse transposed (C, 2, 2), principal points (C, 1, 2),
+    """Focal part of the intrinsic matrices (C, 2, 2), its inverse transposed (C, 2, 2), principal points (C, 2),
     coefficients (C, 14) of pinhole lenses, and the cameras whose lenses are of another kind: fisheye, or a tilted sensor.
     """
     others = [c for c, camera in enumerate(rig) if camera.model != "pinhole" or len(camera.distortion) == len(_NONE)]
     coefficients = np.stack([_NONE if c in others else padded(camera.distortion) for c, camera in enumerate(rig)])
     K = np.stack([camera.K[:2] for camera in rig])
     inverse = np.swapaxes(np.linalg.inv(K[:, :, :2]), -1, -2)
-    return K[:, None, :, :2], inverse, K[:, None, :, 2], coefficients, others
-
-
-def _shape(views: Array, *axes: int) -> tuple[int, ...]:
-    """(G, K, ...) of views (G, C, K, ...)."""
-    return (views.shape[0], views.shape[2], *axes)
+    return np.ascontiguousarray(K[..., :2]), inverse, np.ascontiguousarray(K[..., 2]), coefficients, others
 
 
 def _solved(rig: Rig, xy_img: Array, xyz: Array, cov: Array, used: Array) -> Triangulated:
     """Points with the distance in px from the views (G, C, K) that are used."""
-    from .kernels.lens import apply_lenses
+    from .kernels import cameras, lens
 
     focal, _, centre, coefficients, others = _lenses(rig)
-    pose = _poses(rig)
-    in_cam = xyz[:, None] @ np.swapaxes(pose[..., :3], -1, -2) + pose[:, None, :, 3]
-    xy = in_cam[..., :2] / np.where(in_cam[..., 2:] > 0, in_cam[..., 2:], np.nan)
-    apply_lenses(coefficients, xy)
-    px = (focal @ xy[..., None])[..., 0] + centre
+    px = np.empty(xy_img.shape)
+    lens.project(cameras.packed_rig(rig), focal, centre, coefficients, xyz, px)
     for c in others:
         px[:, c] = rig.cameras[c].project(xyz)
     off_px = px - xy_img
@@ -321,11 +302,12 @@ def solve_weighted(rig: Rig, xy_img: Array, sigma: Array, weight: Array) -> Tria
     Its rows are (u m3 - m1), (v m3 - m2) in undistorted px. The covariance is propagated from the pixel noise. The sum of
     squared whitened residuals is expected to be 2n - 3 for the best weights, more for others.
     """
+    from .kernels.cameras import packed_rig
     from .kernels.robust import inflate
 
     ideal, white = whitened(rig, xy_img, sigma)
     used = (weight > 0) & np.isfinite(ideal).all(axis=-1) & np.isfinite(white).all(axis=(-1, -2))
-    pose, focal = _poses(rig)[:, None], _lenses(rig)[0]
+    pose, focal = packed_rig(rig)[:, :12].reshape(-1, 1, 3, 4), _lenses(rig)[0][:, None]
     rows = np.where(used[..., None, None], ideal[..., None] * pose[:, :, 2:] - pose[:, :, :2], 0.0)
     white = np.where(used[..., None, None], white, np.eye(2))
     in_px = focal @ rows
@@ -390,13 +372,13 @@ def _planes_of(
     """The arrays of the poses in views (..., C, K)."""
     if views.camera_names != rig.names:
         raise ShapeError(f"fuse: views come from cameras {choices(views.camera_names)}, the rig has {choices(rig.names)}")
-    xy, score, lead = np.array(views.xy_img), np.nan_to_num(views.score), views.score.shape[:-2]
-    planes = [xy, score, stated_sigma(xy, score, views.sigma_px, settings)]
-    depth = _depth(views, rig) if settings.weights == "robust" else None
-    xy, score, sigma, *deep = (plane.reshape(-1, *plane.shape[len(lead) :]) for plane in (*planes, depth) if plane is not None)
+    lead, score = views.score.shape[:-2], np.where(np.isfinite(views.score), views.score, 0.0)
+    planes = [views.xy_img, score, stated_sigma(views.xy_img, score, views.sigma_px, settings), views.depth_m]
+    xy, score, sigma, *deep = (plane.reshape(-1, *plane.shape[len(lead) :]) for plane in planes if plane is not None)
     solved = solved_by(
         settings.weights, rig, xy, score, sigma, settings,
-        depth=deep[0] if deep else None, skeleton=views.skeleton, previous_world=previous_world,
+        depth_of=partial(keypoint_depth, deep[0], skeleton=views.skeleton) if deep else None,
+        skeleton=views.skeleton, previous_world=previous_world,
     )  # fmt: skip
     found = {
         "xyz_world": solved.xyz,
@@ -406,14 +388,6 @@ def _planes_of(
         "kind": np.where(solved.n_views > 0, np.uint8(Kind.FUSED), np.uint8(Kind.MISSING)),
     }
     return {name: plane.reshape(*lead, *plane.shape[1:]) for name, plane in found.items()}
-
-
-def _depth(views: Views | ViewSequence, rig: Rig) -> Array | None:
-    """(..., C, K, 2) depth of the keypoints and its standard deviation; None where nothing is known of any."""
-    if views.depth_m is None or not np.isfinite(views.depth_m).all(axis=-1).any():
-        return None
-    norm = np.stack([camera.norm_from_px(views.xy_img[..., c, :, :]) for c, camera in enumerate(rig)], axis=-3)
-    return np.ascontiguousarray(keypoint_depth(views.depth_m, norm, views.skeleton))
 
 
 def _matched(views: Views, previous: Pose3D | None) -> Array | None:

@@ -88,7 +88,7 @@ def depth_point(cams, views, i, planes, p):
     x, y = views[i, 0] * z - cam[TX], views[i, 1] * z - cam[TY]
     z -= cam[TZ]
     for a in range(3):
-        p[a] = cam[a] * x + cam[3 + a] * y + cam[6 + a] * z
+        p[a] = cam[R00 + a] * x + cam[R10 + a] * y + cam[R20 + a] * z
     return True
 
 
