@@ -232,7 +232,7 @@ def test_start_pressed_twice_starts_one_session(jobs: Jobs) -> None:
 
 
 def test_a_session_takes_cameras_that_are_only_looked_at(jobs: Jobs) -> None:
-    looking = jobs.start(WATCH, "Images of 2 cameras", {"sources": {}})
+    looking = jobs.start(WATCH, "Images of left, right", {"sources": {}})
     jobs.start(LIVE, "one", {})
     assert cancelled(jobs, looking.id) and [job.title for job in jobs.running(LIVE)] == ["one"]
 

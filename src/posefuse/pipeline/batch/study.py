@@ -125,7 +125,8 @@ def run_study(
     kept, to_do = tuple(sorted(outcomes)), [task for name, task in tasks.items() if name not in outcomes]
     for task in to_do:
         check_replaceable(task.out, command="track", replace=True)
-    progress("trials", len(kept), len(tasks), f"{len(tasks)} trials, {len(kept)} of them complete from an earlier run")
+    earlier = f", {len(kept)} of them complete from an earlier run" if kept else ""
+    progress("trials", len(kept), len(tasks), f"{len(tasks)} trial{'s' * (len(tasks) > 1)}{earlier}")
     if to_do:
         # once and here: every process would do it for itself
         config = to_do[0].config
