@@ -84,6 +84,7 @@ def test_sessions_are_found_with_the_nearest_calibration(folder: Path) -> None:
 @pytest.mark.parametrize(("name", "problem"), [("P01/slow", "is a session itself"), (".hidden", "no session"), ("no", "no such")])
 def test_a_folder_that_is_no_study_is_refused(folder: Path, name: str, problem: str) -> None:
     refusal(InputError, problem, find_trials, folder / name)
+    refusal(InputError, "`jobs=2`: the workers of .* leave it out", run, folder, folder, jobs=2, scheduler="tcp://127.0.0.1:9")
 
 
 def test_results_next_to_sessions_are_no_sessions(folder: Path, here: list[str], tmp_path: Path) -> None:

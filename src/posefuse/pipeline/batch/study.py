@@ -115,6 +115,8 @@ def run_study(
         InputError: no sessions, no place for the results, or results made in another way (without `replace`).
         ConfigError: a wrong setting or an unknown output. DependencyError: no Dask.
     """
+    if jobs is not None and scheduler is not None:
+        raise InputError(f"`jobs={jobs}`: the workers of `scheduler={scheduler}` limit how many trials run at once; leave it out")
     build_sinks(formats)
     trials = find_trials(study)
     check_outside_inputs(out, [study])
