@@ -9,6 +9,7 @@ from cyclopts import Group, Parameter
 import posefuse as pf
 from posefuse.calibration.settings import TargetDescription
 
+from .next_command import TypedCommand, check_files, clock_offsets_s, reported
 from .options import (
     MOST_S,
     Figures,
@@ -301,8 +302,6 @@ def calibrate_intrinsics(*inputs: CameraRecordings, options: IntrinsicsOptions, 
     """
     from posefuse.calibration.report import RefusedCalibration
 
-    from .next_command import TypedCommand, check_files, reported
-
     check_files(options, inputs)
     with reported(options.report, TypedCommand(step="intrinsics", inputs=inputs, options=options)):
         try:
@@ -339,8 +338,6 @@ def calibrate_extrinsics(*inputs: CameraRecordings, options: ExtrinsicsOptions, 
     from posefuse.api.calibrate import target_of
     from posefuse.api.targets import floor_of
     from posefuse.foundation.output_file import check_output_file
-
-    from .next_command import TypedCommand, check_files, reported
 
     coverage, read = options.out.with_name(f"{options.out.stem}_coverage.png"), check_files(options, inputs)
     # a refused run leaves the image, and must not stop the next one; an older image is kept as a copy
@@ -387,8 +384,6 @@ def calibrate_person(*inputs: CameraRecordings, options: PersonOptions, terminal
     Args:
         inputs: Video, or 2D poses of another tool, per camera; NAME defaults to the file's name.
     """
-    from .next_command import TypedCommand, check_files, reported
-
     check_files(options, inputs)
     asked = TypedCommand(step="person", inputs=inputs, options=options)
     with reported(options.report, asked), terminal.stages() as progress:
@@ -406,8 +401,6 @@ def calibrate_clocks(session: Path, /, *, options: ClockOptions = ClockOptions()
         session: As for `posefuse track`: a folder with the calibration file and the recordings.
     """
     from posefuse.pipeline.config import CONFIG_FILE
-
-    from .next_command import TypedCommand, check_files, reported
 
     check_files(options)
     asked = TypedCommand(step="clocks", inputs=(str(session),), options=options)
@@ -429,8 +422,6 @@ def calibrate_verify(*inputs: CameraRecordings, options: VerifyOptions, terminal
     Args:
         inputs: Video or folder of images per camera; NAME defaults to the file's name.
     """
-    from .next_command import TypedCommand, check_files, clock_offsets_s, reported
-
     check_files(options, inputs)
     with terminal.stages() as progress:
         offsets_s = clock_offsets_s(options.offset_ms) if options.offset_ms else None

@@ -157,9 +157,7 @@ def _naming_what_is_kept() -> Iterator[None]:
 
 
 def _run(tasks: Sequence[Task], jobs: int | None, scheduler: str | None) -> Iterator[Outcome]:
-    if not tasks:
-        return iter(())
-    if scheduler is not None:
+    if tasks and scheduler is not None:
         return outcomes_on_cluster(tasks, scheduler)
     return outcomes_here(tasks, jobs or default_jobs())
 
