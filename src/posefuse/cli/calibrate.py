@@ -8,6 +8,7 @@ from cyclopts import Group, Parameter
 
 import posefuse as pf
 from posefuse.calibration.settings import TargetDescription
+from posefuse.pipeline.config import CONFIG_FILE
 
 from .next_command import TypedCommand, check_files, clock_offsets_s, reported
 from .options import (
@@ -369,7 +370,6 @@ def calibrate_extrinsics(*inputs: CameraRecordings, options: ExtrinsicsOptions, 
 def _save_clocks(folder: Path, found: Any, terminal: Terminal) -> str | None:
     """The settings file with the clock offsets that were found; None where there is nothing to correct, or one is there."""
     from posefuse.api.calibration_results import save_clocks
-    from posefuse.pipeline.config import CONFIG_FILE
 
     path = save_clocks(folder / CONFIG_FILE, found.rig.names, found.clocks)
     if path is None:
@@ -400,8 +400,6 @@ def calibrate_clocks(session: Path, /, *, options: ClockOptions = ClockOptions()
     Args:
         session: As for `posefuse track`: a folder with the calibration file and the recordings.
     """
-    from posefuse.pipeline.config import CONFIG_FILE
-
     check_files(options)
     asked = TypedCommand(step="clocks", inputs=(str(session),), options=options)
     with reported(options.report, asked), terminal.stages() as progress:
