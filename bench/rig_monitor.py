@@ -4,7 +4,7 @@
     python bench/rig_monitor.py --track [--seeds 100 ...] [--seconds 2 10 60] [--goods 100] [--write docs/reliability.md]
 
 Rendered walks and people who stand are looked at ten times a second by the network; scenes are kept in the cache. Then, after
-some seconds, the rig is one of which a camera is turned or moved, a camera's keypoints are late, or those of two are exchanged.
+some seconds, the rig is one of which a camera is turned or moved, a camera's keypoints are late, or those of two are swapped.
 `--fit` does it for other bodies in other rooms, from which the constants are; it also prints the most that no fault explains.
 Seconds are of the data. Table on stderr, one JSON object on stdout.
 
@@ -59,7 +59,7 @@ FAULTS = (
     *(Fault(f"turned by {deg:g} deg", monitor.MOVED, turn_deg=deg) for deg in (0.25, 0.5, 1.0, 2.0, 5.0)),
     *(Fault(f"moved by {100 * m:g} cm", monitor.MOVED, move_m=m) for m in (0.01, 0.03, 0.1)),
     *(Fault(f"{1000 * s:g} ms late", monitor.UNSYNCHRONISED, late_s=s) for s in (0.02, 0.05, 0.1)),
-    Fault("two exchanged", monitor.SWAPPED),
+    Fault("two swapped", monitor.SWAPPED),
 )
 # from the beginning of a recording
 WRONG = (
@@ -188,7 +188,7 @@ def trial(clip: Clip, fault: Fault, number: int) -> Row:
     rig, cameras = wrong_rig(long.rig, fault, rng)
     at, bad = [long.rig.names.index(name) for name in cameras], long.t_s >= FAULT_AT_S
     if fault.kind == monitor.SWAPPED:
-        # the monitor remembers what it saw: cables are exchanged, not the files of the rig
+        # the monitor remembers what it saw: cables are swapped, not the files of the rig
         rig, long.xy_img[np.ix_(bad, at)] = long.rig, long.xy_img[np.ix_(bad, at[::-1])]
     if fault.late_s:
         before = interp1d(long.t_s, long.xy_img[:, at], axis=0)

@@ -26,9 +26,9 @@ if TYPE_CHECKING:
     from .api.machine import doctor, models, plugins
     from .api.record import record, resume_recording
     from .api.recording import JointAngles, Recording, read, view
+    from .api.rig_and_detector import Rig, detector, read_rig
     from .api.targets import print_target
     from .api.track import batch, demo_session, solve, track
-    from .api.values import Rig, detector, read_rig
     from .core import Camera, Detections2D, Observations, Pose3D, PosefuseError, PoseSequence, Progress, Skeleton
     from .fusion import triangulate
     from .pipeline.edits import Edits, Exclusion

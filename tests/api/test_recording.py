@@ -13,7 +13,7 @@ from checks import assert_same, refusal
 import posefuse as pf
 from posefuse import core
 from posefuse.api.recording import recording_of
-from posefuse.api.values import rig_of
+from posefuse.api.rig_and_detector import rig_of
 from posefuse.core import DependencyError, InputError
 from posefuse.formats.truth import read_truth
 

@@ -66,6 +66,12 @@ def test_an_output_that_is_switched_on_later_is_where_ros_is(demo_session: Path,
     assert [(one.config.domain_id, one.config.peers) for one in asked] == [(5, ("10.0.0.7",)), (6, ("10.0.0.7",))]
 
 
+def test_where_ros_2_is_has_no_effect_on_a_session_without_it_which_is_refused(demo_session: Path, monkeypatch) -> None:
+    monkeypatch.setattr("posefuse.realtime.networks.fetch_networks", lambda *_: pytest.fail("networks were fetched"))
+    session = pf.live(demo_session / "rig.toml", [f"sim:{demo_session}"], ros={"domain_id": 5})
+    refusal(ConfigError, "`domain_id=5`: no source and no output is in ROS 2; leave it out, or add one", session.__enter__)
+
+
 @pytest.mark.realtime
 def test_poses_come_while_the_session_runs(demo_session: Path, models: None) -> None:
     rig = pf.read_rig(demo_session / "rig.toml")

@@ -69,15 +69,15 @@ def test_who_may_be_either_of_two_alike_gets_one_of_their_names_after_more_frame
     assert room.state.person_of(2) in (0, 1)
 
 
-@pytest.mark.parametrize("exchanged", [False, True])
-def test_two_who_touched_are_distinguished_after_they_part(exchanged: bool) -> None:
+@pytest.mark.parametrize("swapped", [False, True])
+def test_two_who_touched_are_distinguished_after_they_part(swapped: bool) -> None:
     room = Room([0.95, 1.05], people_max=2)
     room.frames(40, {0: (0, 0.0), 1: (1, 2.0)})
     room.frames(15, {0: (0, 0.9), 1: (1, 1.1)})
     parted_ns = room.i * PERIOD_NS
-    after = {0: (1, 2.0), 1: (0, 0.0)} if exchanged else {0: (0, 0.0), 1: (1, 2.0)}
+    after = {0: (1, 2.0), 1: (0, 0.0)} if swapped else {0: (0, 0.0), 1: (1, 2.0)}
     room.frames(40, after)
-    expected = [1, 0] if exchanged else [0, 1]
+    expected = [1, 0] if swapped else [0, 1]
     assert [room.state.person_of(track) for track in (0, 1)] == expected
     assert [person_at(room.state.names, track, parted_ns) for track in (0, 1)] == expected
     before = [person_at(room.state.names, track, 30 * PERIOD_NS) for track in (0, 1)]

@@ -168,7 +168,7 @@ def test_followed_by_a_single_camera(ring_rig, body):
     assert np.isnan(views.xy_img[0, [0, 2]]).all()
 
 
-def test_a_view_with_sides_exchanged_still_is_the_person(ring_rig, body):
+def test_a_view_with_sides_swapped_still_is_the_person(ring_rig, body):
     rig = ring_rig(4)
     reports, _ = detections(rig, crowd(body, "here"))
     reports[1] = replace(reports[1], xy_img=reports[1].xy_img[:, COCO.mirror])

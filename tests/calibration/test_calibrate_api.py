@@ -11,8 +11,8 @@ from checks import refusal
 
 from posefuse.api.calibrate import calibrate_extrinsics, calibrate_person, verify
 from posefuse.api.calibration_results import ClockCalibration, RigCalibration, clock_blocks
+from posefuse.api.rig_and_detector import rig_of
 from posefuse.api.targets import floor_of, print_target
-from posefuse.api.values import rig_of
 from posefuse.calibration.clocks.sync import ClockEstimate
 from posefuse.calibration.extrinsics import target as moving_target
 from posefuse.calibration.extrinsics.own_intrinsics import starting_cameras

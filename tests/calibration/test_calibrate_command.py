@@ -26,8 +26,8 @@ from posefuse.calibration.report import CalibrationReport, Check, CheckKind, Ref
 from posefuse.calibration.targets.coverage import coverage, coverage_sheet
 from posefuse.calibration.targets.detection import TargetDetector
 from posefuse.calibration.targets.kinds import Charuco, Chessboard, Markers, Target, read_target, write_target
-from posefuse.cli.asked import Asked, next_after
 from posefuse.cli.command_line import WrongCommandLineError, parse
+from posefuse.cli.next_command import TypedCommand, next_after
 from posefuse.cli.terminal import Terminal
 from posefuse.core import CalibrationError, ConfigError, InputError, Rig
 from posefuse.core.frames import Pixels
@@ -435,7 +435,7 @@ def test_every_printed_command_runs_as_printed_and_keeps_what_was_asked_for(room
 def test_clocks_that_were_estimated_already_are_not_advised_again() -> None:
     line = "calibrate person walk --intrinsics l.toml --clocks offset --height-m 1.8 --out r.toml"
     parsed = parse(line.split())
-    asked = Asked(step="person", inputs=("walk",), options=parsed.bound.arguments["options"])
+    asked = TypedCommand(step="person", inputs=("walk",), options=parsed.bound.arguments["options"])
     for kind, words in (("clocks", "posefuse record"), ("drift", "--height-m 1.8 --clocks drift")):
         report = CalibrationReport("person", (Check("clocks", False, "differ", kind=kind),))
         assert words in next_after(report, asked)[0]

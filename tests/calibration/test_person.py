@@ -78,7 +78,7 @@ def test_focal_lengths_and_clocks_let_free_scatter_as_their_standard_errors_say(
 
 
 @pytest.mark.slow
-def test_exchanged_sides_and_wild_keypoints_do_little_harm(lab: Any) -> None:
+def test_swapped_sides_and_wild_keypoints_do_little_harm(lab: Any) -> None:
     views, random = watched(lab.rig), np.random.default_rng(1)
     turned = random.random(views.score.shape[:2]) < 0.1
     xy = np.where(turned[..., None, None], views.xy_img[:, :, BODY.mirror], views.xy_img)

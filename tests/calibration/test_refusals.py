@@ -247,7 +247,7 @@ def merged(a: CornerObservations, b: CornerObservations) -> CornerObservations:
     return replace(a, **{name: np.concatenate([getattr(a, name), getattr(b, name)]) for name in names})
 
 
-def exchanged_markers(seen: CornerObservations) -> CornerObservations:
+def swapped_markers(seen: CornerObservations) -> CornerObservations:
     return replace(seen, patch=np.where((seen.camera == 1) & np.isin(seen.patch, [1, 2]), 3 - seen.patch, seen.patch))
 
 
@@ -259,7 +259,7 @@ def one_stream_twice(seen: CornerObservations) -> CornerObservations:
 @pytest.mark.parametrize(
     ("fault", "words"),
     [
-        pytest.param(exchanged_markers, "cam01", id="two markers exchanged in one camera"),
+        pytest.param(swapped_markers, "cam01", id="two markers swapped in one camera"),
         pytest.param(lambda seen: replace(seen, doubled=(("cam00", 2, 81),)), "marker 2 in 81 frames of cam00", id="equal props"),
         pytest.param(lambda seen: seen.rows(seen.camera != 3), r"not found by cam03 \(0 of 360 frames\)", id="prop never seen"),
         pytest.param(one_stream_twice, "videos differ: cam00 and cam01 show the same video", id="one stream twice"),

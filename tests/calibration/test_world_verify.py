@@ -139,13 +139,13 @@ def test_verification_measures_millimetres_and_finds_a_moved_camera_and_a_wrong_
 
 
 @pytest.mark.parametrize(
-    ("cameras", "exchanged"), [(4, (0, 1)), (4, (0, 2)), (2, (0, 1))], ids=["neighbours", "opposite", "two alone"]
+    ("cameras", "swapped"), [(4, (0, 1)), (4, (0, 2)), (2, (0, 1))], ids=["neighbours", "opposite", "two alone"]
 )
-def test_exchanged_cameras_are_refused_with_figures_that_are_known(lab: Any, cameras: int, exchanged: tuple[int, int]) -> None:
+def test_swapped_cameras_are_refused_with_figures_that_are_known(lab: Any, cameras: int, swapped: tuple[int, int]) -> None:
     rig = Rig(lab.rig.cameras[:cameras])
     seen = board_seen(lab, rig)
     names = list(seen.cameras)
-    a, b = exchanged
+    a, b = swapped
     names[a], names[b] = names[b], names[a]
     with warnings.catch_warnings():
         warnings.simplefilter("error")
@@ -153,7 +153,7 @@ def test_exchanged_cameras_are_refused_with_figures_that_are_known(lab: Any, cam
     details = " ".join(check.detail for check in report.checks)
     [moved] = [check for check in report.failed if check.name == "cameras are where the rig has them"]
     assert f"{rig.names[a]} and {rig.names[b]}" in moved.detail
-    assert "have exchanged names" in moved.detail
+    assert "have swapped names" in moved.detail
     assert "nan" not in details and "inf" not in details
     assert max(map(float, re.findall(r"([0-9.]+) px rms", details)), default=0.0) <= lab.rig.cameras[0].size_wh[0]
 
@@ -217,7 +217,7 @@ def run_monitor(rig: Rig, pictures: Any, seconds: float = 14.0) -> list[monitor.
 
 
 def test_the_monitor_names_what_went_wrong_within_seconds(lab: Any) -> None:
-    # a ring of four is its own mirror image, in which exchanged cables cannot be distinguished
+    # a ring of four is its own mirror image, in which swapped cables cannot be distinguished
     aside = replace(lab.rig.cameras[3], cam_from_world=lab.rig.cameras[3].cam_from_world @ SE3([1.0, 0, 0, 0], [0.7, 0.3, -0.5]))
     rig = Rig((*lab.rig.cameras[:3], aside))
     assert run_monitor(rig, lambda t: walked(rig, t)) == []

@@ -31,7 +31,7 @@ def with_nan(first: int, end: int) -> np.ndarray:
         pytest.param([BODY, BODY + 1], [0.5, 0.9], [True, False], id="the surer one stays"),
         pytest.param([BODY, BODY + 1], [0.9, 0.5], [False, True], id="whatever the order"),
         pytest.param([BODY, BODY + 1 + 300 * (np.arange(K) < 6)[:, None]], [0.9, 0.9], [False, True], id="six of another body"),
-        pytest.param([BODY, BODY[COCO17.mirror] + 1], [0.9, 0.9], [False, True], id="left and right exchanged"),
+        pytest.param([BODY, BODY[COCO17.mirror] + 1], [0.9, 0.9], [False, True], id="left and right swapped"),
         pytest.param([BODY, BODY + [400, 0], BODY + 1, BODY + 2], [0.9] * 4, [False, False, True, True], id="three times"),
         pytest.param([with_nan(8, K), with_nan(0, 6)], [0.9, 0.9], [False, False], id="hardly a common keypoint"),
     ],

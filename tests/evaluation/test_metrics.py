@@ -131,7 +131,7 @@ def test_the_truth_itself_is_perfect_under_any_names() -> None:
     assert got.mpjpe_mm == 0
 
 
-def test_two_ids_exchanged_half_way() -> None:
+def test_two_ids_swapped_half_way() -> None:
     truth = lines(2)
     result = truth.copy()
     result[FRAMES // 2 :] = truth[FRAMES // 2 :, [1, 0]]

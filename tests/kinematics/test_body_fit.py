@@ -260,7 +260,8 @@ def test_a_person_hardly_seen_keeps_their_points(walk):
     np.testing.assert_array_equal(fit.poses.xyz_world[:, 1], xyz[:, 1])
     assert np.isfinite(fit.joints.angle_rad[:2, 1]).any() and np.isnan(fit.joints.angle_rad[2:, 1]).all()
     neither = poses(xyz * np.nan, 0.005, RATE_HZ, one.skeleton, ids=[4, 9])
-    refusal(InputError, r"both hips and both shoulders.*none of the 2 people", fit_poses, neither)
+    for hardly in (neither, walk(3)):
+        refusal(InputError, rf"both hips and both shoulders.*there are {len(hardly)}, and no person", fit_poses, hardly)
 
 
 @pytest.mark.parametrize(("larger", "kept"), ((1.6, False), (1.05, True)))

@@ -279,7 +279,7 @@ def test_every_joint_is_documented_with_its_sequence_and_angles():
 LIMBS = {"left_knee": (40.0, 0.0, 0.0), "right_knee": (25.0, 0.0, 0.0), "left_elbow": (70.0, 0.0, 0.0)}
 
 
-def test_clues_turn_with_the_limbs_whose_sides_are_exchanged_and_not_with_the_world() -> None:
+def test_clues_turn_with_the_limbs_whose_sides_are_swapped_and_not_with_the_world() -> None:
     sequence = sequence_of([LIMBS] * 3)
     votes = kinematics.facing_votes(sequence)
     assert votes.shape == (2, 3, 1)
@@ -287,9 +287,9 @@ def test_clues_turn_with_the_limbs_whose_sides_are_exchanged_and_not_with_the_wo
     for part, (left, right) in enumerate(sequence.skeleton.limbs):
         order = np.arange(len(sequence.skeleton))
         order[left], order[right] = right, left
-        exchanged = kinematics.facing_votes(replace(sequence, xyz_world=sequence.xyz_world[:, :, order]))
-        assert (exchanged[part] <= -4).all()
-        assert (exchanged[1 - part] >= 4).all()
+        swapped = kinematics.facing_votes(replace(sequence, xyz_world=sequence.xyz_world[:, :, order]))
+        assert (swapped[part] <= -4).all()
+        assert (swapped[1 - part] >= 4).all()
     new_from_old = SE3.from_rotvec([0.4, -1.0, 0.3], [3.0, -2.0, 1.0])
     assert np.array_equal(kinematics.facing_votes(replace(sequence, xyz_world=new_from_old @ sequence.xyz_world)), votes)
 

@@ -25,10 +25,10 @@ from posefuse.kinematics import joints_from_poses
 from posefuse.outputs import FrameSink, write_outputs
 from posefuse.outputs.data_files import TrcSink
 from posefuse.outputs.drawing import bone_colours, draw_skeleton, draw_view, grid_for, image_tile, view_tile
-from posefuse.outputs.facts import person_file
 from posefuse.outputs.frames import every_time_step
 from posefuse.outputs.overlay import Background, OverlaySink
 from posefuse.outputs.overview import OverviewSink, best_time_step, bystander, stage_picture
+from posefuse.outputs.provenance import person_file
 from posefuse.outputs.rerun import RerunSink, keypoint_colours
 from posefuse_ros.markers import side_colours
 from posefuse_studio.pages.recording import chart_options

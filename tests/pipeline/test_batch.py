@@ -7,6 +7,7 @@ import signal
 import socket
 import subprocess
 import sys
+import warnings
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack
 from pathlib import Path
@@ -18,16 +19,19 @@ from commands import as_options, error
 from studies import FRAMES, SETTINGS, write_session
 
 import posefuse as pf
+from posefuse.cli.terminal import in_options
 from posefuse.core import InputError, Rig, silent
 from posefuse.formats.rig import write_rig
 from posefuse.foundation.channel import Channel
 from posefuse.foundation.worker import Worker
-from posefuse.pipeline.batch import find_trials, processes, run_study
+from posefuse.pipeline.batch import find_trials, processes, run_study, tasks
 from posefuse.pipeline.batch import study as study_module
 from posefuse.pipeline.batch.page import study_page
 from posefuse.pipeline.batch.processes import outcomes_here, run_trial
 from posefuse.pipeline.batch.tasks import Outcome, Task, run_task
+from posefuse.pipeline.config import read_config
 from posefuse.pipeline.result_folder import ResultFolder, unfinished_work
+from posefuse.pipeline.track import others_line
 
 
 @pytest.fixture
@@ -80,6 +84,7 @@ def test_sessions_are_found_with_the_nearest_calibration(folder: Path) -> None:
 @pytest.mark.parametrize(("name", "problem"), [("P01/slow", "is a session itself"), (".hidden", "no session"), ("no", "no such")])
 def test_a_folder_that_is_no_study_is_refused(folder: Path, name: str, problem: str) -> None:
     refusal(InputError, problem, find_trials, folder / name)
+    refusal(InputError, "`jobs=2`: the workers of .* leave it out", run, folder, folder, jobs=2, scheduler="tcp://127.0.0.1:9")
 
 
 def test_results_next_to_sessions_are_no_sessions(folder: Path, here: list[str], tmp_path: Path) -> None:
@@ -95,7 +100,7 @@ def test_results_next_to_sessions_are_no_sessions(folder: Path, here: list[str],
 def test_a_failure_is_named_and_the_rest_is_finished(folder: Path, here: list[str], tmp_path: Path) -> None:
     news: list[str] = []
     study = run(folder, tmp_path / "out", progress=lambda stage, done, total, message="": news.append(message))
-    assert list(study.failed) == ["P02/broken"]
+    assert news[0] == "4 trials" and list(study.failed) == ["P02/broken"]
     assert any(line.startswith("P02/broken: failed: ") for line in news)
     rows = list(csv.DictReader((tmp_path / "out" / "study.csv").open(encoding="utf-8")))
     assert [row["status"] for row in rows] == ["complete", "complete", "failed", "complete"]
@@ -122,6 +127,14 @@ def test_what_a_failed_trial_lacks_is_named_as_what_a_study_takes(folder: Path, 
         words += f"{option}{value}".split()
     shown = error(capsys, *words)
     assert "1 of 4 trials failed" in shown and "P02/broken: failed: " in shown
+
+
+def test_what_a_trial_warns_of_is_named_as_what_a_study_takes(folder: Path, tmp_path: Path, monkeypatch) -> None:
+    """People who are not followed are, with `people=N` of `track`: a study takes that among its settings."""
+    line, tracked = others_line({"cam0": 2, "cam1": 1}, 1), tasks._tracked
+    monkeypatch.setattr(tasks, "_tracked", lambda task: warnings.warn(line, stacklevel=1) or tracked(task))
+    [option] = re.findall(r"--set \S+=", in_options(run_task(first_task(folder, tmp_path)).warnings[0]))
+    assert read_config(None, {option.split()[1].removesuffix("="): 3}).associate.max_people == 3
 
 
 def test_complete_trials_are_kept_and_others_tried_again(folder: Path, here: list[str], tmp_path: Path) -> None:

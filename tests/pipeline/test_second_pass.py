@@ -160,7 +160,7 @@ def test_limbs_keep_their_sides_between_two_frames_that_name_them_differently(ri
     assert np.allclose(views.xy_img[2:-2:2][..., sided, :], right.xy_img[2:-2:2][..., mirror[sided], :], atol=1e-3)
 
 
-def test_ankles_that_cross_between_two_frames_do_not_exchange_the_legs(ring_rig) -> None:
+def test_ankles_that_cross_between_two_frames_do_not_swap_the_legs(ring_rig) -> None:
     rig = ring_rig(4)
     seen = seen_by(rig, LATE_NS)
     ankles = list(COCO17.indices(["left_ankle", "right_ankle"]))
@@ -172,7 +172,7 @@ def test_ankles_that_cross_between_two_frames_do_not_exchange_the_legs(ring_rig)
     assert np.allclose(views.xy_img[..., hips, :], views_of(seen).xy_img[..., hips, :], atol=1e-3, equal_nan=True)
 
 
-def test_limbs_that_all_cameras_exchange_until_out_of_sight_are_named_by_where_feet_and_nose_point(ring_rig) -> None:
+def test_limbs_that_all_cameras_swap_until_out_of_sight_are_named_by_where_feet_and_nose_point(ring_rig) -> None:
     rig = ring_rig(4)
     xyz = standing(skeleton=BLAZEPOSE33)
     xy = np.tile(np.stack([camera.project(xyz) for camera in rig]), (T, 1, 1, 1, 1))
@@ -208,7 +208,7 @@ def walker() -> np.ndarray:
 
 
 def confused_views(rig: Rig, xyz: np.ndarray, seed: int) -> ViewSequence:
-    """Four in ten views have the legs exchanged, each for its own time, whenever they cross; noise of 2 px."""
+    """Four in ten views have the legs swapped, each for its own time, whenever they cross; noise of 2 px."""
     rng = np.random.default_rng(seed)
     xy = np.stack([camera.project(xyz) for camera in rig], axis=1) + rng.normal(size=(STRIDES, len(rig), K, 2)) * 2
     for crossing in CROSSINGS:

@@ -28,6 +28,7 @@ from posefuse.pipeline.opening import build_source, open_session
 from posefuse.pipeline.session import find_session
 from posefuse.pipeline.track import _check_people
 from posefuse.pipeline.writing import build_sinks
+from posefuse.sources import VIDEO_SUFFIXES
 
 
 @pytest.fixture
@@ -106,7 +107,9 @@ def refused(session: Path, config: TrackConfig = TrackConfig()) -> str:  # noqa:
 
 
 def test_what_is_wrong_is_named(session: Path, tmp_path: Path) -> None:
-    assert "no videos or images or pose2d found" in refused(session)
+    (session / "cam_01.h264").touch()
+    line = refused(session)
+    assert all(f"{kind} (." in line for kind in ("videos", "images", "pose2d")) and all(one in line for one in VIDEO_SUFFIXES)
     touch(session, ["cam_01.mp4"])
     assert "at least 2 calibrated cameras, got 1" in refused(session)
     touch(session, ["cam_02.mp4", "a person.mp4"])

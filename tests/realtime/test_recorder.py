@@ -270,7 +270,7 @@ def test_of_two_videos_of_a_camera_both_are_finished_at_the_end(tmp_path: Path) 
     capture = Capture(LiveInput("cam", "fake", None, reopen=False), None, threading.Condition())
     for name in ("first", "second"):
         (tmp_path / name).mkdir()
-        capture.exchange_keeper(VideoKeeper(tmp_path / name, "cam"))
+        capture.replace_keeper(VideoKeeper(tmp_path / name, "cam"))
         offered(capture._keeper, range(200))
     wait_for_videos(capture.close())
     for name in ("first", "second"):

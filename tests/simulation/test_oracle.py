@@ -50,7 +50,7 @@ def test_one_question_and_all_at_once_agree_in_any_order(truth):
     assert not np.allclose(other.xy_img, views.xy_img, equal_nan=True)
 
 
-def test_swaps_exchange_sides_and_outliers_are_far_and_sure_of_themselves(truth):
+def test_swaps_are_of_sides_and_outliers_are_far_and_sure_of_themselves(truth):
     exact = np.stack([view.xy_img for view in truth.views], axis=2)
     swapped = oracle_views(truth, OracleNoise(sigma_px=0.01, swap_share=1.0), seed=1)
     assert np.allclose(swapped.xy_img, exact[..., BODY.mirror, :], atol=0.3)

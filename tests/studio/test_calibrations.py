@@ -12,7 +12,7 @@ import pytest
 from checks import refusal
 
 from posefuse.api.calibration_results import RigCalibration, saved_clocks
-from posefuse.api.values import rig_of
+from posefuse.api.rig_and_detector import rig_of
 from posefuse.calibration.clocks.sync import ClockEstimate
 from posefuse.calibration.report import CalibrationReport, Check, CheckKind, RefusedCalibration
 from posefuse.calibration.targets.coverage import ENOUGH_SHARE, ENOUGH_TOGETHER, TargetCoverage

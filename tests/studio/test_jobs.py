@@ -5,6 +5,7 @@ import shutil
 import signal
 import threading
 import time
+import warnings
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from types import SimpleNamespace
@@ -67,6 +68,8 @@ def test_a_known_fault_is_one_line_and_a_bug_is_named(workspace: StudioWorkspace
     assert done(workspace, refusing, monkeypatch).error == "no such folder"
     elsewhere = Mock(side_effect=InputError(f"{workspace.root / 'walks' / 'one'}: not a recording"))
     assert done(workspace, elsewhere, monkeypatch).error == f"{Path('walks', 'one')}: not a recording"
+    warning = Mock(side_effect=lambda *_: warnings.warn(f"{workspace.root / 'walks' / 'one'}: is damaged", stacklevel=1) or {})
+    assert done(workspace, warning, monkeypatch).news == (f"warning: {Path('walks', 'one')}: is damaged",)
     assert done(workspace, faulty, monkeypatch).error.startswith("ZeroDivisionError: by zero")
 
 
@@ -232,7 +235,7 @@ def test_start_pressed_twice_starts_one_session(jobs: Jobs) -> None:
 
 
 def test_a_session_takes_cameras_that_are_only_looked_at(jobs: Jobs) -> None:
-    looking = jobs.start(WATCH, "Images of 2 cameras", {"sources": {}})
+    looking = jobs.start(WATCH, "Images of left, right", {"sources": {}})
     jobs.start(LIVE, "one", {})
     assert cancelled(jobs, looking.id) and [job.title for job in jobs.running(LIVE)] == ["one"]
 

@@ -124,7 +124,7 @@ ENDS = {
     "hand jumped": {"hand": HAND + [0.135, 0, 0]},
     "trunk jumped": {"body_xyz_world": with_trunk([0.0, 0.08, 0.0], [0.0, 0.08, 0.0])},
     "trunk of another length": {"body_xyz_world": with_trunk([0.0, 0.0, 0.055], [0.0, 0.0, -0.055])},
-    "left and right exchanged": {"change": lambda news: exchanged_hands(news)},
+    "left and right swapped": {"change": lambda news: swapped_hands(news)},
 }
 
 
@@ -300,7 +300,7 @@ def moved_aside(news):
     return another_body(news, np.array([0.0, 0.7, 0.0]), 1.0)
 
 
-def exchanged_hands(news):
+def swapped_hands(news):
     view, body = news.view, news.view.body_xyz_world.copy()
     sides = [[BODY.index(f"{side}_{part}") for part in ("elbow", "wrist")] for side in ("left", "right")]
     body[sides[0]], body[sides[1]] = body[sides[1]], body[sides[0]]
@@ -324,7 +324,7 @@ def engaged_run():
 
 
 def assert_never_again_without_a_press(run, change, rng):
-    """After a loss of less than `reengage_s` that hides the exchange; the switch stays held."""
+    """After a loss of less than `reengage_s` that hides the swap; the switch stays held."""
     lost = int(rng.integers(0, 40)) if rng.random() < 0.5 else 0
     what = rng.choice(["hand", "body", "person"])
     run.tick(lost, change=lambda news: hidden(news, what))
@@ -363,13 +363,13 @@ def test_another_body_while_the_clock_is_off_does_not_get_it_either(engaged_run,
     assert run.tick(40, change=at(0.05)) is Phase.IDLE
 
 
-def test_exchanged_hands_never_get_the_robot_without_a_new_press(engaged_run):
+def test_swapped_hands_never_get_the_robot_without_a_new_press(engaged_run):
     for seed in range(40):
-        assert_never_again_without_a_press(engaged_run.copied(), exchanged_hands, np.random.default_rng([seed, 4]))
+        assert_never_again_without_a_press(engaged_run.copied(), swapped_hands, np.random.default_rng([seed, 4]))
 
 
 @pytest.mark.parametrize("place", [(0.0, 0.0, 1.0), (3.0, -2.0, 1.2), (-4.0, 5.0, 0.1)])
-def test_hands_near_each_other_that_are_exchanged_are_named_so_anywhere_in_the_room(place):
+def test_hands_near_each_other_that_are_swapped_are_named_so_anywhere_in_the_room(place):
     """Each has moved by no more than a hand may move in one frame, and the trunk stands."""
     trunk, time_ns = np.add(place, [[0.0, 0.2, 0.4], [0.0, -0.2, 0.4], [0.0, 0.1, 0.0], [0.0, -0.1, 0.0]]), np.full(4, 10**9)
     hand, other = (np.add(place, [[0.4, y, 0.2]]) for y in (-0.045, 0.045))
@@ -378,18 +378,18 @@ def test_hands_near_each_other_that_are_exchanged_are_named_so_anywhere_in_the_r
     later = {"hand_ns": known.hand_ns + 33_000_000, "trunk_ns": time_ns + 33_000_000}
     crossed = replace(known, hand_xyz=known.other_xyz, other_xyz=known.hand_xyz, **later)
     found = continuity_finding(known, crossed, TeleoperationSettings().gate)
-    assert found.ends and found.reason == "left and right hand were exchanged"
+    assert found.ends and found.reason == "left and right hand were swapped"
     assert continuity_finding(known, replace(known, **later), TeleoperationSettings().gate) == FINE
 
 
-def test_hands_exchanged_while_they_touch_do_not_get_it_either():
+def test_hands_swapped_while_they_touch_do_not_get_it_either():
     run = Run(ELSEWHERE).engaged()
     run.tick(10, change=lambda news: replace(news, view=replace(news.view, other_xyz_world=news.view.xyz_world + 0.03)))
     assert run.phase is Phase.HOLD
-    assert_never_again_without_a_press(run, exchanged_hands, np.random.default_rng(1))
+    assert_never_again_without_a_press(run, swapped_hands, np.random.default_rng(1))
 
 
-def test_an_exchange_during_another_fault_does_not_get_it_either():
+def test_a_swap_during_another_fault_does_not_get_it_either():
     for name in ("one camera", "unsure", "no cameras", "not finite robot", "no fault"):
         run = Run(ELSEWHERE).engaged()
         run.tick(20, change=moved_aside, **CAUSES.get(name, {}))

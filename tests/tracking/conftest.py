@@ -101,7 +101,7 @@ def detections_of() -> Callable[..., Detections2D]:
 
 
 @pytest.fixture(scope="session")
-def flipped() -> Callable[[Detections2D], Detections2D]:
-    """The same view with left and right exchanged."""
+def sides_swapped() -> Callable[[Detections2D], Detections2D]:
+    """The same view with left and right swapped."""
     turn = COCO17.mirror
     return lambda view: replace(view, xy_img=view.xy_img[:, turn], score=view.score[:, turn], sigma_px=view.sigma_px[:, turn])

@@ -174,7 +174,7 @@ def test_there_and_back_is_where_it_was() -> None:
 
 
 def test_views_of_landmarks_become_views_of_joint_centres(ring_rig) -> None:
-    """Also where left and right are exchanged in one view, and at a time step without 3D."""
+    """Also where left and right are swapped in one view, and at a time step without 3D."""
     landmarks, rig = person_standing(), ring_rig(3)
     centres = to_joint_centres(landmarks, SHIPPED)
     seen, expected = (noisy_views(rig, one, 0.0, 0).xy_img for one in (landmarks, centres))

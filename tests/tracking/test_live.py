@@ -196,10 +196,10 @@ def test_without_views_it_grows_unsure_then_lets_go(world):
     assert len(tracker.at(1_800_000_000).person_id) == 0
 
 
-def test_flipped_views_are_put_right_and_shown(world, flipped):
+def test_swapped_views_are_put_right_and_shown(world, sides_swapped):
     w = world()
-    views = [flipped(v) if v.camera == "cam01" else v for v in w.views(2.0)]
-    # born of the first two views, one of them flipped, the person may have to be turned round first
+    views = [sides_swapped(v) if v.camera == "cam01" else v for v in w.views(2.0)]
+    # born of the first two views, one of them swapped, the person may have to be turned round first
     tracker, poses = run(w, views, 2.0, from_s=0.7)
     _, clean = run(w, w.views(2.0), 2.0, from_s=0.7)
     assert mean_error_m(w, poses) < 1.1 * mean_error_m(w, clean)
@@ -208,9 +208,9 @@ def test_flipped_views_are_put_right_and_shown(world, flipped):
     assert max(share for name, share in shares.items() if name != "cam01") < 0.35
 
 
-def test_a_person_who_was_born_mirrored_is_turned_round(world, flipped):
+def test_a_person_who_was_born_mirrored_is_turned_round(world, sides_swapped):
     w = world()
-    views = [flipped(v) if v.t_ns < 3e8 else v for v in w.views(2.2)]
+    views = [sides_swapped(v) if v.t_ns < 3e8 else v for v in w.views(2.2)]
     _, poses = run(w, views, 2.2)
     assert np.nanmax(w.error_m(poses[-1])) < 0.1
 
@@ -363,14 +363,14 @@ def test_cameras_that_agree_correct_a_keypoint_that_began_with_a_wrong_view(worl
     assert np.isfinite(after).all()
 
 
-def test_arms_that_began_exchanged_are_put_right(world):
-    """Two cameras exchange the arms for good; the others see none until `BEGIN_S`, so that the person begins exchanged."""
+def test_arms_that_began_swapped_are_put_right(world):
+    """Two cameras swap the arms for good; the others see none until `BEGIN_S`, so that the person begins swapped."""
     w = world(cameras=5, motion="stand")
     wrong = w.rig.names[:2]
 
     def changed(view):
         hidden = view.t_ns < BEGIN_S * 1e9
-        return exchanged(view, ARMS) if view.camera in wrong else without(view, ARMS) if hidden else view
+        return swapped(view, ARMS) if view.camera in wrong else without(view, ARMS) if hidden else view
 
     errors = errors_of(w, changed, ARMS)
     assert np.max([error for t_s, error in errors.items() if t_s < BEGIN_S]) > 0.2, "the scene is hard enough"
@@ -386,7 +386,7 @@ def test_a_hidden_wrist_does_not_stay_with_the_other_one(world):
     def changed(view):
         if view.t_ns <= BEGIN_S * 1e9:
             return view
-        return exchanged(view, [WRIST]) if view.camera == w.rig.names[0] else without(view, [WRIST])
+        return swapped(view, [WRIST]) if view.camera == w.rig.names[0] else without(view, [WRIST])
 
     errors = errors_of(w, changed, [WRIST])
     # once it is lost (`LiveSettings.lost_after_s`) it does not begin again there
@@ -422,13 +422,13 @@ class Tracked:
     """Someone who is tracked at (K, 3) in the world, whatever a check says; what each check said is kept."""
 
     def __init__(self, xyz):
-        self.xyz, self.exchanged, self.began_again = xyz, [], []
+        self.xyz, self.swapped, self.began_again = xyz, [], []
 
     def expected(self, t_ns):
         return self.xyz, np.full(len(self.xyz), 0.01)
 
-    def exchange(self, groups):
-        self.exchanged.append(bool(groups.any()))
+    def swap(self, groups):
+        self.swapped.append(bool(groups.any()))
 
     def begin_again(self, xyz):
         self.began_again.append(bool(np.isfinite(xyz).any()))
@@ -447,13 +447,13 @@ def checked(world, xyz, steps):
 
 
 @pytest.mark.parametrize("nothing", ["two", "other"])
-def test_arms_are_exchanged_after_three_checks_running_and_a_check_that_found_nothing_ends_a_run(world, nothing):
-    arms_exchanged = world(motion="stand").place(0.0)
-    arms_exchanged[ARMS] = arms_exchanged[np.array(COCO17.mirror)[ARMS]]
-    assert checked(world, arms_exchanged, ["all"] * 3).exchanged == [False, False, True]
+def test_arms_are_swapped_after_three_checks_running_and_a_check_that_found_nothing_ends_a_run(world, nothing):
+    arms_swapped = world(motion="stand").place(0.0)
+    arms_swapped[ARMS] = arms_swapped[np.array(COCO17.mirror)[ARMS]]
+    assert checked(world, arms_swapped, ["all"] * 3).swapped == [False, False, True]
     # a check that judges nothing changes nothing in the person
-    interrupted = checked(world, arms_exchanged, ["all", "all", nothing, "all", "all", "all"])
-    assert interrupted.exchanged == [False, False, False, False, True]
+    interrupted = checked(world, arms_swapped, ["all", "all", nothing, "all", "all", "all"])
+    assert interrupted.swapped == [False, False, False, False, True]
 
 
 @pytest.mark.parametrize("nothing", ["two", "other"])
@@ -464,7 +464,7 @@ def test_a_wrist_begins_elsewhere_after_two_checks_running_and_a_check_that_foun
     assert checked(world, off, ["all", nothing, "all", "all"]).began_again == [False, False, True]
 
 
-def exchanged(view, keypoints):
+def swapped(view, keypoints):
     xy, mirror = view.xy_img.copy(), np.array(COCO17.mirror)
     xy[:, keypoints] = view.xy_img[:, mirror[keypoints]]
     return replace(view, xy_img=xy)

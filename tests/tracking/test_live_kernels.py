@@ -11,7 +11,7 @@ from posefuse.core.skeleton import ANATOMICAL23, COCO17
 from posefuse.tracking.online import LiveMotion, LiveSettings, Model, MotionModel
 from posefuse.tracking.online.kernels.body import start_missing
 from posefuse.tracking.online.kernels.own_motion import HORIZON_S, Prediction, Regression, correct
-from posefuse.tracking.online.kernels.rays import depth_row, exchange_person
+from posefuse.tracking.online.kernels.rays import depth_row, swap_person
 from posefuse.tracking.online.kernels.state import NEVER, KeypointRays, TrackState, unborn
 from posefuse.tracking.online.kernels.updates import doubt, update
 from posefuse.tracking.online.own_motion import OwnMotion
@@ -44,25 +44,25 @@ def test_a_missing_keypoint_starts_at_the_mean_of_its_neighbours_and_moves_with_
     np.testing.assert_allclose(sigma[6:], 3.0)
 
 
-def test_exchanged_twice_a_person_is_as_before_and_once_every_part_is_on_the_other_side(ring_rig) -> None:
+def test_swapped_twice_a_person_is_as_before_and_once_every_part_is_on_the_other_side(ring_rig) -> None:
     session = Model(ring_rig(2), ANATOMICAL23, LiveSettings()).arrays
     rng = np.random.default_rng(1)
     person = TrackState(*(rng.normal(size=plane.shape) for plane in unborn(session)))
     before = person.copy()
     arms = np.flatnonzero(session.group == 0)
-    exchange_person(person, session, 0)
+    swap_person(person, session, 0)
     for name in ("x", "cov", "share", "lively", "seen", "square", "precision", "deepness", "refused"):
         here, was = getattr(person, name), getattr(before, name)
         np.testing.assert_array_equal(here[arms], was[session.mirror[arms]], err_msg=name)
         others = np.setdiff1d(np.arange(len(here)), arms)
         np.testing.assert_array_equal(here[others], was[others], err_msg=name)
-    exchange_person(person, session, 0)
+    swap_person(person, session, 0)
     for here, was in zip(person, before, strict=True):
         np.testing.assert_array_equal(here, was)
 
 
-def test_a_view_that_exchanges_a_limb_is_put_in_order(ring_rig) -> None:
-    """Arms are exchanged by the view, legs are not; one keypoint is missing."""
+def test_a_view_that_swaps_a_limb_is_put_in_order(ring_rig) -> None:
+    """Arms are swapped by the view, legs are not; one keypoint is missing."""
     model, rng = Model(ring_rig(2), ANATOMICAL23, LiveSettings()), np.random.default_rng(0)
     k, camera = len(ANATOMICAL23), model.rig.cameras[1].cam_from_world
     xyz = rng.normal(0, 0.5, (k, 3)) + [0.0, 0.0, 1.0]

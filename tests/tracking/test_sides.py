@@ -34,7 +34,7 @@ def walkers(noise_m: float = 0.004) -> PoseSequence:
     return poses(xyz, rate_hz=30.0, cov=noise_m**2 * np.eye(3) * each)
 
 
-def exchanged(sequence: PoseSequence, time_steps: slice, person: int, limb: np.ndarray) -> PoseSequence:
+def swapped(sequence: PoseSequence, time_steps: slice, person: int, limb: np.ndarray) -> PoseSequence:
     order = np.arange(K)
     order[limb], order[COCO17.mirror[limb]] = COCO17.mirror[limb], limb
     arrays = {name: np.array(getattr(sequence, name)) for name in ("xyz_world", "cov_world")}
@@ -52,7 +52,7 @@ def same(planes: tuple[np.ndarray, np.ndarray], poses: PoseSequence) -> bool:
 @pytest.mark.parametrize("time_steps", [slice(12, 19), slice(40, 41), slice(0, 6), slice(80, 90)])
 def test_a_confused_stretch_is_put_right_with_all_that_belongs_to_it(limb: np.ndarray, time_steps: slice) -> None:
     clean = walkers()
-    confused = exchanged(clean, time_steps, 1, limb)
+    confused = swapped(clean, time_steps, 1, limb)
     assert not same((confused.xyz_world, confused.cov_world), clean)
     assert same(steady_sides(confused, NOTHING), clean)
 
@@ -68,7 +68,7 @@ def test_clean_motion_is_left_alone_even_with_gaps() -> None:
 
 
 def test_it_does_not_depend_on_where_the_world_is() -> None:
-    confused = exchanged(walkers(), slice(12, 19), 0, LEFT_LEG)
+    confused = swapped(walkers(), slice(12, 19), 0, LEFT_LEG)
     new_from_old = SE3.from_rotvec([0.4, -1.0, 0.3], [3.0, -2.0, 1.0])
     moved = replace(confused, xyz_world=new_from_old @ confused.xyz_world)
     assert np.allclose(steady_sides(moved, NOTHING)[0], new_from_old @ steady_sides(confused, NOTHING)[0])
@@ -77,7 +77,7 @@ def test_it_does_not_depend_on_where_the_world_is() -> None:
 def test_two_time_steps_show_nothing() -> None:
     clean = walkers()
     arrays = {name: getattr(clean, name)[:2] for name in ("t_ns", "xyz_world", "cov_world", "reproj_px", "n_views", "kind")}
-    short = exchanged(replace(clean, **arrays), slice(1, 2), 0, LEFT_LEG)
+    short = swapped(replace(clean, **arrays), slice(1, 2), 0, LEFT_LEG)
     assert same(steady_sides(short, NOTHING[:, :2]), short)
 
 
@@ -97,7 +97,7 @@ def test_views_are_named_as_the_reference_has_them(ring_rig) -> None:
         assert np.array_equal(named[far][:, legs], plane[far][:, legs])
 
 
-def test_a_view_is_no_exchanged_one_where_only_one_of_its_limbs_fits_better(ring_rig) -> None:
+def test_a_view_is_no_swapped_one_where_only_one_of_its_limbs_fits_better(ring_rig) -> None:
     """Two of four cameras see one arm only and name both after it. With the left arm taken to be there, too, the raised one of
     the other two fits neither side: which of the two it misses by less is chance, and no reason to name its right arm left."""
     rig, rng = ring_rig(4), np.random.default_rng(3)
@@ -113,7 +113,7 @@ def test_a_view_is_no_exchanged_one_where_only_one_of_its_limbs_fits_better(ring
         np.testing.assert_array_equal(named.xy_img[:, :, 1::2], seen[:, :, 1::2])
 
 
-def test_a_limb_is_not_exchanged_with_one_that_the_reference_lacks(ring_rig) -> None:
+def test_a_limb_is_not_swapped_with_one_that_the_reference_lacks(ring_rig) -> None:
     """What is not known is no better place for a leg than one that this view misses."""
     rig, reference = ring_rig(3), walkers()
     seen = np.array(noisy_views(rig, reference, 0.0, 0).xy_img)
@@ -135,10 +135,10 @@ def test_missing_views_stay_missing(ring_rig) -> None:
 
 def test_legs_are_on_the_side_of_the_body_that_the_shoulders_show_even_against_the_majority() -> None:
     clean = walkers()
-    confused = exchanged(clean, slice(20, T), 0, LEFT_LEG)
+    confused = swapped(clean, slice(20, T), 0, LEFT_LEG)
     assert same(steady_sides(confused, NOTHING), clean)
     # without shoulders the majority is right
-    majority = exchanged(confused, slice(0, 20), 0, LEFT_LEG)
+    majority = swapped(confused, slice(0, 20), 0, LEFT_LEG)
     before, after = (unseen(one, "left_shoulder", "right_shoulder") for one in (confused, majority))
     assert same(steady_sides(before, NOTHING), after)
 
@@ -158,11 +158,11 @@ def test_clues_to_where_the_body_faces_decide_where_motion_cannot(part: int) -> 
     xyz[20:24, 0] = np.nan
     xyz[:, 0, np.setdiff1d(np.arange(K), [*limb, *COCO17.mirror[limb]])] = np.nan
     clean = replace(clean, xyz_world=xyz)
-    confused = exchanged(clean, slice(0, 20), 0, limb)
+    confused = swapped(clean, slice(0, 20), 0, limb)
     assert same(steady_sides(confused, NOTHING), confused)
     assert same(steady_sides(confused, facing(part, -1, slice(0, 20))), confused), "one clue is not enough"
     against = facing(part, -2, slice(0, 20)) + facing(part, 2, slice(24, T))
     assert same(steady_sides(confused, against), clean)
     # of a whole recording, too
-    confused = exchanged(clean, slice(0, T), 0, limb)
+    confused = swapped(clean, slice(0, T), 0, limb)
     assert same(steady_sides(confused, facing(part, -2)), clean)

@@ -1,4 +1,4 @@
-"""A man on a beam, a bystander, exchanged sides: OpenPose's detections, associated and fused, against another pipeline."""
+"""A man on a beam, a bystander, swapped sides: OpenPose's detections, associated and fused, against another pipeline."""
 
 import json
 import shutil

@@ -79,6 +79,7 @@ def test_too_few_readable_cameras_are_an_error_and_leave_nothing(broken_session:
     code, said = first_frames(broken_session, tmp_path / "result", capsys)
     assert code == 1
     assert f"at least 2 cameras that can be read, got {left}" in said.splitlines()[-1]
+    assert [said.count(f"cam0{i}.mp4") for i in range(4)] == [int(i >= left) for i in range(4)]
     assert not list(tmp_path.glob("result*"))
 
 

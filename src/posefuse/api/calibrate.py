@@ -56,7 +56,7 @@ from posefuse.pipeline.config import CONFIG_FILE, changed_config, read_config
 
 from .arguments import checked, lines_of, shown
 from .calibration_results import ClockCalibration, IntrinsicsCalibration, RigCalibration, RigVerification, saved_clocks
-from .values import rig_of
+from .rig_and_detector import rig_of
 
 ClockMode = Literal["auto", "together", "offset", "drift"]
 RigLike = core.Rig | str | Path

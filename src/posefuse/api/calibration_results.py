@@ -22,7 +22,7 @@ from posefuse.foundation.output_file import check_output_file, keep_copy, write_
 from posefuse.foundation.summary import Block, Heading, Table
 from posefuse.pipeline.config import read_config
 
-from .values import Rig
+from .rig_and_detector import Rig
 
 # a full colour of the verification images
 _FULL_PX = 3.0

@@ -19,7 +19,7 @@ from posefuse.core import InputError, PosefuseError
 from posefuse.formats.recording import ABOUT_FILE, ARRAYS_FILE
 from posefuse.foundation.output_file import atomic_file
 from posefuse.foundation.platform import default_cache_dir
-from posefuse.outputs.facts import recorded_utc
+from posefuse.outputs.provenance import recorded_utc
 from posefuse.pipeline.batch.page import quality_figures
 from posefuse.pipeline.reading import LIVE_SUFFIX, is_live, is_result, read_result
 

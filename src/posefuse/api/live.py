@@ -63,7 +63,7 @@ class LiveSession(Closing):
     A slow program skips poses and gets the newest one next; it never delays the session.
 
     Attributes:
-        ros: where ROS 2 is, see `live`.
+        ros: where ROS 2 is, see `live`. ros_used_elsewhere: by more than sources and outputs, as `teleoperate` does.
         angles: joint angles of the newest pose (T = 1); None before the first.
         cameras: state of every camera by name. outputs: of every output. news: lines that the session has reported, oldest first.
         on_image: takes each image that `show_images` asks for, and the detections in it (None: no person was seen); is called in
@@ -72,6 +72,7 @@ class LiveSession(Closing):
 
     def __init__(self, plan: LivePlan, progress: Progress | bool | None = None, ros: Mapping[str, Any] | None = None) -> None:
         self._plan, self._progress, self.ros = plan, progress, dict(ros or {})
+        self.ros_used_elsewhere = False
         self.angles: JointAngles | None = None
         self.cameras: Mapping[str, CameraHealth] = {}
         self.outputs: Mapping[str, OutputHealth] = {}
@@ -93,9 +94,12 @@ class LiveSession(Closing):
         Raises:
             PosefuseError: what keeps it from beginning, e.g. a camera that cannot be opened.
         """
+        from posefuse.realtime.inputs import check_ros_is_used
         from posefuse.realtime.networks import fetch_networks
         from posefuse.realtime.session import serve
 
+        if not self.ros_used_elsewhere:
+            check_ros_is_used(self.ros, self._plan.inputs, self._plan.outputs)
         # once and here: every camera process would download what is missing for itself
         with shown(self._progress) as report:
             fetch_networks(self._plan.config.detector, report)
@@ -156,12 +160,6 @@ class LiveSession(Closing):
     def keep_videos(self, folder: str | Path | None) -> None:
         """Keep the videos of all cameras in an existing folder from now on; None: finish them."""
         self._ask(KeepVideos(None if folder is None else Path(folder).absolute()))
-
-    def check_ros_is_used(self) -> None:
-        """Raise ConfigError where `ros` has settings that no source and no output of the start takes."""
-        from posefuse.realtime.inputs import check_ros_is_used
-
-        check_ros_is_used(self.ros, self._plan.inputs, self._plan.outputs)
 
     def switch_on(self, output: str, options: Mapping[str, Any] | None = None) -> None:
         """Open another output, see `live`; how it fares is in `outputs`. Where ROS is, it knows from there.
@@ -294,7 +292,8 @@ def live(
         outputs: options of more outputs by name, e.g. ``{"osc": {"to": ["localhost:9000"]}}``; see `posefuse plugins`.
         settings: any other setting by dotted key, as for ``posefuse live --set``. config: settings file.
         ros: where topics of ``ros:`` sources are: ``domain_id``, ``peers``, ``interface``, ``local_only``, ``sim_time``; see
-            docs/ros.md. Outputs take the same, unless `outputs` has it, e.g. ``{"ros2": {"domain_id": 5}}``.
+            docs/ros.md. Outputs take the same, unless `outputs` has it, e.g. ``{"ros2": {"domain_id": 5}}``. A session without
+            such a source or output is refused when it begins.
         loop_s: show the first seconds of videos and simulated sessions again and again; ``shortest``: as many as the shortest
             video has.
         progress: True shows the session's news on stderr.

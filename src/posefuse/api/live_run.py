@@ -37,7 +37,7 @@ from posefuse.realtime.video_keeping import read_counts
 
 from .arguments import lines_of, shown
 from .record import check_videos_folder, kept_videos, video_figures
-from .values import rig_of
+from .rig_and_detector import rig_of
 
 _TOP_OF_P95 = 2.0
 JSON_FILE, PAGE_FILE = "latency.json", "latency.html"

@@ -24,7 +24,7 @@ from posefuse.realtime.video_keeping import KeptCounts, read_counts, write_found
 from posefuse.realtime.watching import CameraFeed, Watched, guide
 
 from .arguments import checked, shown
-from .values import rig_of
+from .rig_and_detector import rig_of
 
 if TYPE_CHECKING:
     from posefuse.calibration.targets.coverage import Guidance

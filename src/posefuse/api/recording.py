@@ -15,7 +15,7 @@ from posefuse.core.arrays import Array
 from posefuse.foundation.summary import Block, Facts, Heading
 
 from .arguments import checked, shown
-from .values import Rig, rig_of
+from .rig_and_detector import Rig, rig_of
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -133,7 +133,7 @@ class Recording(core.Recording):
     @property
     def duration_s(self) -> float:
         """From the first time step to the last."""
-        from posefuse.outputs.facts import duration_s
+        from posefuse.outputs.provenance import duration_s
 
         return duration_s(self.poses)
 

@@ -16,11 +16,11 @@ from posefuse.core.values import UNSEEN
 from .settings import AssociateSettings
 
 # factor on the support of a detection with left and right swapped; 1: IDF1 of rendered people who hug falls from 0.832 to 0.821
-_TURNED_SHARE = 0.7
+_SWAPPED_SHARE = 0.7
 # squared sine of the angle between two rays that meet nowhere
 _PARALLEL = 1e-4
 # of weighing rays by their distances, until a ray that does not belong hardly counts: with one, rendered people who hug are
-# exchanged three times instead of once
+# swapped three times instead of once
 _ROUNDS = 4
 
 
@@ -84,8 +84,8 @@ def agreement(candidates: Candidates, xyz_world: Array, tolerance_m: float | Arr
     """How well poses (H, K, 3) explain each detection: support (H, D) and share of its keypoints that agree (H, D).
 
     A keypoint supports by its score, less the square of its miss over the tolerance; the miss is measured at the depth
-    of the body. `tolerance_m` is one for all or (H,). A detection with left and right exchanged still is this person, but
-    less so: of two people who face each other the one is nearly the other with left and right exchanged.
+    of the body. `tolerance_m` is one for all or (H,). A detection with left and right swapped still is this person, but
+    less so: of two people who face each other the one is nearly the other with left and right swapped.
     """
     from . import kernels
 
@@ -94,7 +94,7 @@ def agreement(candidates: Candidates, xyz_world: Array, tolerance_m: float | Arr
     reach = np.broadcast_to(np.asarray(tolerance_m, np.float64), len(xyz_world))
     kernels.agreement(
         candidates.rotation, candidates.translation, candidates.xy_norm, candidates.score, np.ascontiguousarray(xyz_world),
-        np.ascontiguousarray(reach), candidates.mirror, _TURNED_SHARE, support, share,
+        np.ascontiguousarray(reach), candidates.mirror, _SWAPPED_SHARE, support, share,
     )  # fmt: skip
     return support, share
 

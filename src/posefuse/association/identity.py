@@ -1,12 +1,12 @@
 """Identity that lasts: which person a followed track is, decided from what does not change about a body.
 
 Association follows tracks from frame to frame. A track ends when the person is out of sight for too long, and two tracks can be
-exchanged while two people touch. This module names tracks: a pure function from one frame to the next with an explicit state,
+swapped while two people touch. This module names tracks: a pure function from one frame to the next with an explicit state,
 the same for recordings and live.
 
 - A track that begins may be a person who left. While more than one person is possible, it stays unnamed for a few frames, and
   all unnamed tracks are named together.
-- Two tracks that touch keep both readings, as they were and exchanged. What is measured after they part decides.
+- Two tracks that touch keep both readings, as they were and swapped. What is measured after they part decides.
 """
 
 from __future__ import annotations
@@ -28,9 +28,9 @@ UNNAMED = -1
 _NAMING_FRAMES, _SURE_FRAMES, _SURE_EVIDENCE = 8, 4, 4.0
 # tracks closer than this touch, and have parted beyond that: middles of bodies
 _TOUCH_M, _PARTED_M = 0.6, 0.75
-# frames after parting from which an exchange can be seen, how often it is looked for, and the log-likelihood ratio it takes
-_EXCHANGE_FRAMES, _EXCHANGE_EVERY, _EXCHANGE_EVIDENCE = 10, 5, 6.0
-# after so many frames apart without such evidence, nothing was exchanged
+# frames after parting from which a swap can be seen, how often it is looked for, and the log-likelihood ratio it takes
+_SWAP_FRAMES, _SWAP_EVERY, _SWAP_EVIDENCE = 10, 5, 6.0
+# after so many frames apart without such evidence, nothing was swapped
 _STRAIGHT_FRAMES = 30
 
 
@@ -102,7 +102,7 @@ class Identity:
             usable = plausible_share(lengths[row : row + 1])[0] > 0.5
             tracks[number] = _seen(tracks.get(number), pose.t_ns, measured[row], middles[row], usable)
         state = replace(state, tracks=tracks)._touching(pose.t_ns, [int(pose.person_id[row]) for row in np.flatnonzero(found)])
-        return state._exchanged()._named()
+        return state._swapped()._named()
 
     def _without_ended(self, t_ns: int) -> Identity:
         """What ended tracks taught stays with their people."""
@@ -135,7 +135,7 @@ class Identity:
                     )
         return replace(self, tracks=tracks, people=people)
 
-    def _exchanged(self) -> Identity:
+    def _swapped(self) -> Identity:
         """Swap the identities of two tracks that touched where measurements since then support it."""
         state = self
         for a in sorted(self.tracks):
@@ -148,18 +148,18 @@ class Identity:
         one, two = self.tracks[a], self.tracks[b]
         frames = min(one.traits.frames.max(initial=0), two.traits.frames.max(initial=0))
         # frame by frame the answer hardly changes
-        if frames < _EXCHANGE_FRAMES or frames % _EXCHANGE_EVERY or UNNAMED in (one.person, two.person):
+        if frames < _SWAP_FRAMES or frames % _SWAP_EVERY or UNNAMED in (one.person, two.person):
             return self
         mine, theirs = self.people[one.person], self.people[two.person]
         straight = sameness(one.traits, mine) + sameness(two.traits, theirs)
         crossed = sameness(one.traits, theirs) + sameness(two.traits, mine)
-        if abs(crossed - straight) < _EXCHANGE_EVIDENCE and frames < _STRAIGHT_FRAMES:
+        if abs(crossed - straight) < _SWAP_EVIDENCE and frames < _STRAIGHT_FRAMES:
             return self
         since_ns = one.touched[b][0]
         tracks = dict(self.tracks)
         tracks[a] = replace(one, touched={n: at for n, at in one.touched.items() if n != b})
         tracks[b] = replace(two, touched={n: at for n, at in two.touched.items() if n != a})
-        if crossed - straight < _EXCHANGE_EVIDENCE:
+        if crossed - straight < _SWAP_EVIDENCE:
             return replace(self, tracks=tracks)
         tracks[a], tracks[b] = replace(tracks[a], person=two.person), replace(tracks[b], person=one.person)
         named = (Named(track=a, person=two.person, since_ns=since_ns), Named(track=b, person=one.person, since_ns=since_ns))

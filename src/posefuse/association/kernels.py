@@ -8,13 +8,13 @@ from posefuse.foundation.compiled import kernel
 
 
 @kernel()
-def agreement(rotation, translation, xy_norm, score, xyz, tolerance_m, mirror, turned_share, support, share):
+def agreement(rotation, translation, xy_norm, score, xyz, tolerance_m, mirror, swapped_share, support, share):
     """Support (H, D) and share of keypoints that agree (H, D) of every pose with every detection; both are filled.
 
     Args:
         rotation, translation: (D, 3, 3), (D, 3) cam_from_world. xy_norm: (D, K, 2) ideal points. score: (D, K), 0 missing.
         xyz: (H, K, 3) poses, NaN unknown. tolerance_m: (H,). mirror: (K,) left/right counterparts.
-        turned_share: support of a reading with left and right exchanged counts this much of one as named.
+        swapped_share: support of a reading with left and right swapped counts this much of one as named.
     """
     for h in range(len(xyz)):
         for d in range(len(xy_norm)):
@@ -22,7 +22,7 @@ def agreement(rotation, translation, xy_norm, score, xyz, tolerance_m, mirror, t
             for turn in range(2):
                 gain, agree, both = 0.0, 0, 0
                 for k in range(xyz.shape[1]):
-                    # a pose read with left and right exchanged
+                    # a pose read with left and right swapped
                     o = mirror[k] if turn == 1 else k
                     if not (score[d, k] > 0.0 and math.isfinite(xyz[h, o, 0])):
                         continue
@@ -32,7 +32,7 @@ def agreement(rotation, translation, xy_norm, score, xyz, tolerance_m, mirror, t
                         agree += 1
                         gain += part * score[d, k]
                 if turn == 1:
-                    gain *= turned_share
+                    gain *= swapped_share
                 if gain > support[h, d]:
                     support[h, d], share[h, d] = gain, agree / both
 

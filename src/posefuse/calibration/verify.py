@@ -235,9 +235,9 @@ _NOISE_FACTOR = 1.5
 # chosen, not fitted: coarse, of all corners together; single cameras are judged by `VerifyLimits`
 _MOST_REPROJECTION_PX_PER_1000 = 2.5
 _LEAST_LENGTHS = 20
-# chosen, not fitted: the misfit that is left when the names of two cameras are exchanged, and pairs that leave about as little
-# (of four cameras in a ring, exchanging two opposite ones is exchanging the other two)
-_EXCHANGE_LEAVES, _EXCHANGE_ALIKE = 0.2, 1.5
+# chosen, not fitted: the misfit that is left when the names of two cameras are swapped, and pairs that leave about as little
+# (of four cameras in a ring, swapping two opposite ones is swapping the other two)
+_SWAP_LEAVES, _SWAP_ALIKE = 0.2, 1.5
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -284,7 +284,7 @@ def verify(rig: Rig, observations: CornerObservations, target: Target, late_s: A
     noise_px = float(np.nanmin([one.noise_px for one in found])) if any(one.noise_px > 0 for one in found) else 0.0
     corners = np.stack([target.corners(int(patch)) for patch in seen.patches])
     error, true, noise_m = _lengths(key, xyz, point_covariance(rig, xyz, xy, noise_px), corners)
-    # the rays of exchanged cameras may meet behind one of them, where no length can be measured
+    # the rays of swapped cameras may meet behind one of them, where no length can be measured
     measured = np.isfinite(error) & np.isfinite(noise_m)
     if measured.sum() < _LEAST_LENGTHS:
         raise CalibrationError(
@@ -294,8 +294,8 @@ def verify(rig: Rig, observations: CornerObservations, target: Target, late_s: A
     error, true, noise_m = error[measured], true[measured], noise_m[measured]
     square = (off**2).sum(axis=-1)
     rms_m = float(np.sqrt((noise_m**2).mean()))
-    exchanged = "" if all(one.excess <= 1 for one in found if one.noise_px > 0) else _exchanged(rig, xy)
-    report = _report(rig, error, true, exchanged=exchanged, noise_m=rms_m, reprojection_px=_rms(square), found=found)
+    swapped = "" if all(one.excess <= 1 for one in found if one.noise_px > 0) else _swapped(rig, xy)
+    report = _report(rig, error, true, swapped=swapped, noise_m=rms_m, reprojection_px=_rms(square), found=found)
     return Verification(length_error_m=error, cell_px=_cells(rig, xy, square), cameras=found, report=report)
 
 
@@ -344,14 +344,14 @@ def _rms(square: Array) -> Array:
         return np.asarray(np.sqrt(np.where(known, square, 0.0).sum(axis=1) / known.sum(axis=1)))
 
 
-def exchanged_cameras(rig: Rig, misfit: Callable[[Array], float], most: float) -> tuple[list[tuple[int, int]], float]:
-    """Pairs of cameras with images of one size whose exchange leaves less than `most`: the best, and others about as good.
+def swapped_cameras(rig: Rig, misfit: Callable[[Array], float], most: float) -> tuple[list[tuple[int, int]], float]:
+    """Pairs of cameras with images of one size whose swap leaves less than `most`: the best, and others about as good.
 
     Args:
         misfit: of the rig, with the cameras' images in an order (C,).
 
     Returns:
-        The pairs, none where no exchange leaves so little; and what the best one leaves.
+        The pairs, none where no swap leaves so little; and what the best one leaves.
     """
     left = {}
     for a, b in combinations(range(len(rig)), 2):
@@ -360,7 +360,7 @@ def exchanged_cameras(rig: Rig, misfit: Callable[[Array], float], most: float) -
             order[[a, b]] = b, a
             left[a, b] = misfit(order)
     best = min(left.values(), default=np.inf)
-    as_good = _EXCHANGE_ALIKE * best if best < most else -np.inf
+    as_good = _SWAP_ALIKE * best if best < most else -np.inf
     return [pair for pair, value in left.items() if value < as_good], best
 
 
@@ -369,11 +369,11 @@ def pairs_in_words(rig: Rig, pairs: Sequence[tuple[int, int]]) -> str:
     return " or ".join(f"{rig.names[a]} and {rig.names[b]}" for a, b in pairs)
 
 
-def _exchanged(rig: Rig, xy: Array) -> str:
-    """Which two cameras have each other's name, in words; empty where no exchange makes the rays of corners (C, P, 2) meet."""
+def _swapped(rig: Rig, xy: Array) -> str:
+    """Which two cameras have each other's name, in words; empty where no swap makes the rays of corners (C, P, 2) meet."""
     now_px = _median_px(rig, xy)
-    pairs, best_px = exchanged_cameras(rig, lambda order: _median_px(rig, xy[order]), _EXCHANGE_LEAVES * now_px)
-    words = f"{pairs_in_words(rig, pairs)} have exchanged names: so corners are {best_px:.1f} px off, not {now_px:.1f}"
+    pairs, best_px = swapped_cameras(rig, lambda order: _median_px(rig, xy[order]), _SWAP_LEAVES * now_px)
+    words = f"{pairs_in_words(rig, pairs)} have swapped names: so corners are {best_px:.1f} px off, not {now_px:.1f}"
     return words if pairs else ""
 
 
@@ -383,7 +383,7 @@ def _median_px(rig: Rig, xy: Array) -> float:
     return float(np.median(known)) if len(known) else np.inf
 
 
-def _camera_checks(found: tuple[CameraError, ...], exchanged: str) -> tuple[Check, Check]:
+def _camera_checks(found: tuple[CameraError, ...], swapped: str) -> tuple[Check, Check]:
     unseen = [
         f"{one.name} ({one.views} views shared with others, needed {VERIFY_LIMITS.views})"
         for one in found
@@ -393,11 +393,11 @@ def _camera_checks(found: tuple[CameraError, ...], exchanged: str) -> tuple[Chec
     wrong = [one for one in known if one.excess > 1]
     worst = max(known, key=lambda one: one.excess, default=None)
     detail = (
-        exchanged or "; ".join(one.words for one in wrong) or (f"the worst: {worst.words}" if worst else "no camera was measured")
+        swapped or "; ".join(one.words for one in wrong) or (f"the worst: {worst.words}" if worst else "no camera was measured")
     )
     return (
         Check("cameras are where the rig has them", not wrong, detail,
-              "give each camera the name it had in the calibration" if exchanged else
+              "give each camera the name it had in the calibration" if swapped else
               "it was moved, zoomed or refocused since the calibration, or its clock differs: calibrate again", "rig"),
         Check("every camera is measured", not unseen, f"not verified: {', '.join(unseen)}" if unseen else "all saw the target",
               "hold the target where this camera and another see it, or leave the camera out"),
@@ -408,7 +408,7 @@ def _report(
     rig: Rig,
     error: Array,
     true: Array,
-    exchanged: str,
+    swapped: str,
     noise_m: float,
     reprojection_px: Array,
     found: tuple[CameraError, ...],
@@ -420,7 +420,7 @@ def _report(
     limit_px = _MOST_REPROJECTION_PX_PER_1000 * width_px / 1000
     worst_px = f"{reprojection_px[worst]:.2f} px rms" if reprojection_px[worst] < width_px else f"more than {width_px} px rms"
     checks = (
-        *_camera_checks(found, exchanged),
+        *_camera_checks(found, swapped),
         Check("lengths are right", rms <= limit,
               f"rms {rms * 1e3:.2f} mm over {len(error)} lengths, {noise_m * 1e3:.2f} mm of it from noise of the corners (limit"
               f" {limit * 1e3:.2f} mm)",

@@ -8,7 +8,9 @@ from cyclopts import Group, Parameter
 
 import posefuse as pf
 from posefuse.calibration.settings import TargetDescription
+from posefuse.pipeline.config import CONFIG_FILE
 
+from .next_command import TypedCommand, check_files, clock_offsets_s, reported
 from .options import (
     MOST_S,
     Figures,
@@ -301,10 +303,8 @@ def calibrate_intrinsics(*inputs: CameraRecordings, options: IntrinsicsOptions, 
     """
     from posefuse.calibration.report import RefusedCalibration
 
-    from .asked import Asked, check_files, reported
-
     check_files(options, inputs)
-    with reported(options.report, Asked(step="intrinsics", inputs=inputs, options=options)):
+    with reported(options.report, TypedCommand(step="intrinsics", inputs=inputs, options=options)):
         try:
             with terminal.stages() as progress:
                 found = pf.calibrate_intrinsics(inputs, **arguments_of(pf.calibrate_intrinsics, options), progress=progress)
@@ -340,12 +340,10 @@ def calibrate_extrinsics(*inputs: CameraRecordings, options: ExtrinsicsOptions, 
     from posefuse.api.targets import floor_of
     from posefuse.foundation.output_file import check_output_file
 
-    from .asked import Asked, check_files, reported
-
     coverage, read = options.out.with_name(f"{options.out.stem}_coverage.png"), check_files(options, inputs)
     # a refused run leaves the image, and must not stop the next one; an older image is kept as a copy
     check_output_file(coverage, option="--out", inputs=read, replace=True)
-    kind, asked = target_of(options.target), Asked(step="extrinsics", inputs=inputs, options=options)
+    kind, asked = target_of(options.target), TypedCommand(step="extrinsics", inputs=inputs, options=options)
     with reported(options.report, asked), terminal.stages() as progress:
         floor = floor_of(kind, marker=options.floor_marker, side_mm=options.floor_side_mm, points=options.floor_points)
         given = arguments_of(pf.calibrate_extrinsics, options)
@@ -372,7 +370,6 @@ def calibrate_extrinsics(*inputs: CameraRecordings, options: ExtrinsicsOptions, 
 def _save_clocks(folder: Path, found: Any, terminal: Terminal) -> str | None:
     """The settings file with the clock offsets that were found; None where there is nothing to correct, or one is there."""
     from posefuse.api.calibration_results import save_clocks
-    from posefuse.pipeline.config import CONFIG_FILE
 
     path = save_clocks(folder / CONFIG_FILE, found.rig.names, found.clocks)
     if path is None:
@@ -387,10 +384,8 @@ def calibrate_person(*inputs: CameraRecordings, options: PersonOptions, terminal
     Args:
         inputs: Video, or 2D poses of another tool, per camera; NAME defaults to the file's name.
     """
-    from .asked import Asked, check_files, reported
-
     check_files(options, inputs)
-    asked = Asked(step="person", inputs=inputs, options=options)
+    asked = TypedCommand(step="person", inputs=inputs, options=options)
     with reported(options.report, asked), terminal.stages() as progress:
         found = pf.calibrate_person(inputs, **arguments_of(pf.calibrate_person, options), progress=progress)
     terminal.show(found.summary())
@@ -405,12 +400,8 @@ def calibrate_clocks(session: Path, /, *, options: ClockOptions = ClockOptions()
     Args:
         session: As for `posefuse track`: a folder with the calibration file and the recordings.
     """
-    from posefuse.pipeline.config import CONFIG_FILE
-
-    from .asked import Asked, check_files, reported
-
     check_files(options)
-    asked = Asked(step="clocks", inputs=(str(session),), options=options)
+    asked = TypedCommand(step="clocks", inputs=(str(session),), options=options)
     with reported(options.report, asked), terminal.stages() as progress:
         given = arguments_of(pf.calibrate_clocks, options)
         found = pf.calibrate_clocks(session, **given, drift=options.clocks == "drift", progress=progress)
@@ -429,8 +420,6 @@ def calibrate_verify(*inputs: CameraRecordings, options: VerifyOptions, terminal
     Args:
         inputs: Video or folder of images per camera; NAME defaults to the file's name.
     """
-    from .asked import Asked, check_files, clock_offsets_s, reported
-
     check_files(options, inputs)
     with terminal.stages() as progress:
         offsets_s = clock_offsets_s(options.offset_ms) if options.offset_ms else None
@@ -438,7 +427,7 @@ def calibrate_verify(*inputs: CameraRecordings, options: VerifyOptions, terminal
     terminal.show(found.report.summary())
     if options.report is not None:
         found.save(options.report, replace=options.replace)
-    with reported(None, Asked(step="verify", inputs=inputs, options=options)):
+    with reported(None, TypedCommand(step="verify", inputs=inputs, options=options)):
         found.report.require()
     terminal.next(f"put {options.rig} into the folder of your videos: posefuse track SESSION --out RESULT", "the rig is good")
     return dict(found.report.numbers)

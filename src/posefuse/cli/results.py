@@ -6,6 +6,7 @@ from typing import Annotated, Literal
 from cyclopts import Parameter
 
 import posefuse as pf
+from posefuse.foundation.summary import Facts, Heading
 
 from .options import MOST_S, Figures, Shown, positive
 
@@ -45,8 +46,6 @@ def report(
         opensim: Run OpenSim's inverse kinematics too (extra: biomech).
         opensim_model: Scale your OpenSim model to each person and run inverse kinematics on it (extra: biomech).
     """
-    from posefuse.foundation.summary import Facts, Heading
-
     recording = pf.read(result, observed=fit == "rays")
     with terminal.stages() as progress:
         made = recording.report(out, fit=fit, opensim=opensim, opensim_model=opensim_model, title=title, progress=progress)
@@ -74,8 +73,6 @@ def export(
         outputs: Which files to write; `posefuse plugins` lists them.
         session: Session the result was made from, for its images (default: a folder of its name near the result or here).
     """
-    from posefuse.foundation.summary import Facts, Heading
-
     recording = pf.read(result)
     with terminal.stages() as progress:
         made = recording.export(out, [name for name in outputs.split(",") if name], session=session, progress=progress)

@@ -108,8 +108,8 @@ def _received(name: str, keypoints: tuple[str, ...], bones: tuple[tuple[str, str
     return Skeleton(name, keypoints, bones)
 
 
-def exchange_sides(plane: Array, wrong: Array, left: Array, right: Array) -> None:
-    """Exchange the keypoints `left` and `right` of plane[wrong], (..., K) or (..., K, D), in place."""
+def swap_sides(plane: Array, wrong: Array, left: Array, right: Array) -> None:
+    """Swap the keypoints `left` and `right` of plane[wrong], (..., K) or (..., K, D), in place."""
     rows = plane[wrong]
     rows[:, left], rows[:, right] = rows[:, right], rows[:, left]
     plane[wrong] = rows

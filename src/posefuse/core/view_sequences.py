@@ -10,7 +10,7 @@ import numpy as np
 
 from .arrays import Array, give_away, taken
 from .observations import LIVE_STEP, NOT_KEPT, Observations
-from .skeleton import Skeleton, exchange_sides
+from .skeleton import Skeleton, swap_sides
 from .values import VIEW_ARRAYS, Views, check_views, unseen_planes
 
 # a frame this close to its time step counts as taken at it
@@ -253,7 +253,7 @@ def _at_times(t_ns: Array, frames: _CameraFrames, own: Array, alone: Array, reac
 
 
 def _name_sides_like(own: _CameraFrames, other: _CameraFrames, skeleton: Skeleton) -> None:
-    """Exchange left and right of a limb in `other`, in place, wherever that takes it nearer to `own`.
+    """Swap left and right of a limb in `other`, in place, wherever that takes it nearer to `own`.
 
     Halfway between a leg and the other leg there is none: such a keypoint is wrong whichever frame was right, and no later
     correction of sides can mend it.
@@ -261,10 +261,10 @@ def _name_sides_like(own: _CameraFrames, other: _CameraFrames, skeleton: Skeleto
     for left, right in skeleton.limbs:
         seen = np.all([one.planes["score"][..., limb] > 0 for one in (own, other) for limb in (left, right)], axis=0)
         as_named = _away_px(own, other, left, left) + _away_px(own, other, right, right)
-        exchanged = _away_px(own, other, left, right) + _away_px(own, other, right, left)
-        wrong = np.where(seen, as_named - exchanged, 0.0).sum(axis=-1) > 0
+        swapped = _away_px(own, other, left, right) + _away_px(own, other, right, left)
+        wrong = np.where(seen, as_named - swapped, 0.0).sum(axis=-1) > 0
         for plane in other.planes.values():
-            exchange_sides(plane, wrong, left, right)
+            swap_sides(plane, wrong, left, right)
 
 
 def _away_px(own: _CameraFrames, other: _CameraFrames, limb: Array, other_limb: Array) -> Array:

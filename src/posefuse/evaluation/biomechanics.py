@@ -29,7 +29,7 @@ from posefuse.kinematics.opensim_path import opensim_library, opensim_motion
 from posefuse.kinematics.opensim_scale import scaled_motion
 from posefuse.kinematics.skin import skin_of
 from posefuse.outputs.data_files import write_angles
-from posefuse.outputs.facts import duration_s, person_suffix
+from posefuse.outputs.provenance import duration_s, person_suffix
 from posefuse.tracking import ViewsAtJointCentres
 
 from .gait_cycles import CycleAngles, gait_cycles, write_gait_cycles

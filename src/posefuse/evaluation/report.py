@@ -41,7 +41,7 @@ from posefuse.formats.page import (
 from posefuse.formats.rig import refusal_note
 from posefuse.foundation.summary import number_text
 from posefuse.kinematics.gait import Gait, Spread, gait_from_poses
-from posefuse.outputs.facts import duration_s, recorded_utc
+from posefuse.outputs.provenance import duration_s, recorded_utc
 
 from .gait_cycles import HEADING, PERCENT, CycleAngles, gait_cycles, side_of
 

@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from posefuse.calibration.verify import exchanged_cameras, pairs_in_words
+from posefuse.calibration.verify import pairs_in_words, swapped_cameras
 from posefuse.core import Rig
 from posefuse.core.arrays import Array, known_median
 
@@ -44,7 +44,7 @@ LEAST_CAMERAS = 3
 _APART = 0.5
 # distance between rays above which no rotation or delay is the explanation, and cameras may be swapped
 _GROSS_M, _MAY_BE_SWAPPED_M, _NOT_LINEAR = 0.1, 0.06, 0.25
-# chosen, not fitted: newest time steps that are tried with cameras exchanged; and the exchange must leave less than this share of
+# chosen, not fitted: newest time steps that are tried with cameras swapped; and the swap must leave less than this share of
 # the distance between rays
 _SWAP_TIME_STEPS, _SWAP_GAIN = 10, 0.4
 _NEWEST_APART_S = 1.0
@@ -200,7 +200,7 @@ def _suspected(state: MonitorState, rig: Rig) -> RigFinding | None:
         return None
     apart_m = _misfit_over(rig, state.recent) if _misfit_m(short) > _MAY_BE_SWAPPED_M else 0.0
     if apart_m > _MAY_BE_SWAPPED_M:
-        pairs, _ = exchanged_cameras(
+        pairs, _ = swapped_cameras(
             rig, lambda order: _misfit_over(rig, [xy_img[order] for xy_img in state.recent]), _SWAP_GAIN * apart_m
         )
         if pairs:

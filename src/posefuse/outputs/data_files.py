@@ -21,8 +21,8 @@ from posefuse.formats.trc import TrcData, write_trc
 from posefuse.foundation.output_file import atomic_file, write_text
 from posefuse.foundation.settings import settings
 
-from .facts import person_file, provenance, provenance_text, rate_hz
 from .frames import OwnConfig
+from .provenance import person_file, provenance, provenance_text, rate_hz
 
 
 @settings

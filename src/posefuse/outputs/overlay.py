@@ -17,8 +17,8 @@ from posefuse.foundation.output_file import atomic_file
 from posefuse.foundation.settings import settings
 
 from .drawing import draw_legend, draw_views, empty_row, grid_for
-from .facts import rate_hz
 from .frames import Frames, ImageOutput, ShowStep
+from .provenance import rate_hz
 
 _WAITING = 3
 

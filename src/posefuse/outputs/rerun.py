@@ -28,8 +28,8 @@ from posefuse.foundation.platform import display
 from posefuse.foundation.settings import settings
 
 from .drawing import DETECTION_RGB, bone_colours, jpeg_of, keypoint_colours, shrunk, shrunk_wh
-from .facts import provenance
 from .frames import Frames, FrameSets, ImageOutput, ShowStep, write_outputs
+from .provenance import provenance
 
 if TYPE_CHECKING:
     import rerun as rr

@@ -91,19 +91,20 @@ def open_session(session: Session, config: TrackConfig) -> Opened:
 
 def _images(session: Session, config: TrackConfig) -> Opened:
     _check_rate(session, config)
-    sources, cameras, failed = [], [], list[str]()
+    sources, cameras, failed = [], [], dict[str, str]()
     for entry in session.inputs:
         try:
             source = build_source(entry, config, len(session.inputs))
         except SourceError as error:
-            failed.append(f"{entry.camera}: {error}")
-            _warn(f"{error}; continues without camera {entry.camera}")
+            failed[entry.camera] = str(error)
             continue
         sources.append(source)
         cameras.append(fitted_camera(session.rig[entry.camera], entry, source))
     if len(sources) < least_cameras(session.inputs):
         expected = f"{session.folder}: expected at least {LEAST_CAMERAS} cameras that can be read, got {len(sources)}"
-        raise SourceError("; ".join([expected, *failed]))
+        raise SourceError("; ".join([expected, *failed.values()]))
+    for camera, why in failed.items():
+        _warn(f"{why}; continues without camera {camera}")
     rig = dataclasses.replace(session.rig, cameras=tuple(cameras))
     timeline = common_timeline({one.camera: one.times_ns() for one in sources}, config.rate_hz, config.start_s, config.end_s)
     detector = build_detector(config.detector, rig)

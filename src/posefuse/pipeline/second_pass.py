@@ -23,7 +23,7 @@ from posefuse.tracking import (
     to_joint_centres,
     usual_lengths,
 )
-from posefuse.tracking.sides import parts_of_steps, sides_that_differ, with_sides_exchanged
+from posefuse.tracking.sides import parts_of_steps, sides_that_differ, with_sides_swapped
 
 # a person followed in fewer time steps than this is not one
 _LEAST_STEPS = 5
@@ -126,9 +126,9 @@ def _fused_with_sides_corrected(views: PartsOfViews, rig: Rig, fusing: FuseSetti
     Where the first reference was still wrong, a better one names more views right: repeated until no view changes.
     """
     fused = _fused_over_time(views, rig, fusing)
-    exchanged = [np.zeros(1, bool)] * len(parts_of_steps(len(fused)))
+    swapped = [np.zeros(1, bool)] * len(parts_of_steps(len(fused)))
     for _ in range(_NAMING_ROUNDS):
-        again = _fused_again(fused, *_steadied_points(fused, smoothing), exchanged, views, rig, fusing)
+        again = _fused_again(fused, *_steadied_points(fused, smoothing), swapped, views, rig, fusing)
         if again is None:
             break
         fused = again
@@ -139,24 +139,24 @@ def _fused_again(
     fused: PoseSequence,
     reference: Array,
     sigma_m: Array,
-    exchanged: list[Array],
+    swapped: list[Array],
     views: PartsOfViews,
     rig: Rig,
     fusing: FuseSettings,
 ) -> PoseSequence | None:
-    """The poses with those time steps fused again whose views have other limbs `exchanged` than before; None where none has."""
+    """The poses with those time steps fused again whose views have other limbs `swapped` than before; None where none has."""
     written = None
     for place, part in enumerate(parts_of_steps(len(fused))):
         seen = views.part(part)
         wrong = sides_that_differ(reference[part], rig, seen, sigma_m[part])
-        differing = np.flatnonzero((wrong != exchanged[place]).any(axis=(1, 2, 3)))
-        exchanged[place] = wrong
+        differing = np.flatnonzero((wrong != swapped[place]).any(axis=(1, 2, 3)))
+        swapped[place] = wrong
         if not len(differing):
             continue
         if written is None:
             written = WrittenPoses(fused.t_ns, fused.skeleton, fused.person_id)
             written.write(slice(None), fused)
-        named = with_sides_exchanged(seen, wrong)
+        named = with_sides_swapped(seen, wrong)
         for steps in _fused_at_once(differing):
             written.write(part.start + steps, fuse_over_time(named.part(steps), rig, fusing))
     return written.sequence() if written else None

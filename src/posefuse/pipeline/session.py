@@ -38,6 +38,7 @@ _FOLDERS = {
     "images": ("images", "frames", "videos"),
     "pose2d": (f"pose2d/{PREDICTIONS_FOLDER}", "pose2d", "openpose_json", "pose-sync", "pose", "pose-2d"),
 }
+_SUFFIXES = {"videos": VIDEO_SUFFIXES, "images": IMAGE_SUFFIXES, "pose2d": POSE2D_SUFFIXES}
 LEAST_CAMERAS = 2
 DEPTH_FOLDER = "depth"
 _FRAMES_TO_FIND_BARS = 15
@@ -189,15 +190,17 @@ def _data(folder: Path, config: TrackConfig) -> tuple[str, list[Path]]:
             return kind, found
     if config.cameras:
         return kinds[0], []
-    looked = ", ".join(f"{place}/" for kind in kinds for place in _FOLDERS[kind])
-    raise InputError(f"{folder}: no {' or '.join(kinds)} found; looked in {looked}")
+    looked = choices(dict.fromkeys(f"{place}/" for kind in kinds for place in _FOLDERS[kind]))
+    known = " or ".join(f"{kind} ({' '.join(_SUFFIXES[kind])})" for kind in kinds)
+    raise InputError(f"{folder}: no {known} found; looked in {looked}")
 
 
 def _entries(place: Path, kind: str) -> list[Path]:
     if not place.is_dir():
         return []
+    files = [path for path in place.iterdir() if path.suffix.lower() in _SUFFIXES[kind]]
     if kind == "videos":
-        return sorted(path for path in place.iterdir() if path.suffix.lower() in VIDEO_SUFFIXES)
+        return sorted(files)
     suffixes = IMAGE_SUFFIXES if kind == "images" else (".json",)
     below = ("*", f"{PREDICTIONS_FOLDER}/*") if kind == "pose2d" else ("*",)
     folders = [
@@ -205,8 +208,7 @@ def _entries(place: Path, kind: str) -> list[Path]:
         for path in place.iterdir()
         if path.is_dir() and any(file.suffix.lower() in suffixes for pattern in below for file in path.glob(pattern))
     ]
-    files = [path for path in place.iterdir() if path.suffix.lower() in POSE2D_SUFFIXES] if kind == "pose2d" else []
-    return sorted(folders + files)
+    return sorted(folders + files if kind == "pose2d" else folders)
 
 
 def _named_inputs(folder: Path, config: TrackConfig) -> dict[str, tuple[str, Path]]:

@@ -99,7 +99,7 @@ class Capture:
         """Open the source now, so that what is wrong shows at the start; raises SourceError."""
         self._source = self.entry.open(self._camera)
 
-    def exchange_keeper(self, keeper: VideoKeeper | None) -> None:
+    def replace_keeper(self, keeper: VideoKeeper | None) -> None:
         """Give every frame to this video, too, from now on, or to none; a former one is finished meanwhile."""
         if keeper is not None:
             keeper.zero_ns = self._session_zero_ns
@@ -152,7 +152,7 @@ class Capture:
         self._stop.set()
         if self._source is not None:
             self._source.close()
-        self.exchange_keeper(None)
+        self.replace_keeper(None)
         return self._finishing
 
     def _run(self, zero_ns: int) -> None:
@@ -202,7 +202,7 @@ class Capture:
                 seq = frame.seq
                 self._state, self._text = "running", ""
                 caught = Caught(frame, still, shift_ns)
-                # another thread may exchange it
+                # another thread may replace it
                 if (keeper := self._keeper) is not None:
                     keeper.miss(missing)
                     keeper.offer(frame.encoded or frame.pixels, caught.t_ns - self._session_zero_ns)

@@ -213,7 +213,7 @@ class Group:
 
     def _keep_videos(self, folder: Path | None) -> None:
         for capture in self._captures:
-            capture.exchange_keeper(self._keeper(folder, capture.entry.camera))
+            capture.replace_keeper(self._keeper(folder, capture.entry.camera))
 
     def _keeper(self, folder: Path | None, camera: str) -> VideoKeeper | None:
         """None also where it cannot be made, as in a process that was started again: no video is written over."""

@@ -1,4 +1,4 @@
-"""The rig, watched while it is used: cameras that were moved, exchanged or run unsynchronised, and how far clocks are apart.
+"""The rig, watched while it is used: cameras that were moved, swapped or run unsynchronised, and how far clocks are apart.
 
 All is asked of what the cameras see of one person; so is the scale of noise that was not fitted. The work (`health.rig_monitor`,
 `clock_finding`, `misalignment`) is done in a process of its own, so that the output tick never waits for it.

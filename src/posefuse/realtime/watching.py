@@ -122,7 +122,7 @@ class CameraFeed(Closing):
         self._videos = videos
         for capture in self._captures:
             if videos is not None:
-                capture.exchange_keeper(VideoKeeper(videos, capture.entry.camera))
+                capture.replace_keeper(VideoKeeper(videos, capture.entry.camera))
         self._begun_s = time.monotonic()
         zero_ns = time.monotonic_ns()
         self._zero_ns = zero_ns + SessionClock.begin().offset_ns

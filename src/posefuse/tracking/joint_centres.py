@@ -22,7 +22,7 @@ from posefuse.core.skeleton import SIDES
 from posefuse.core.view_sequences import PartsOfViews
 
 from .body_directions import body_directions, keypoint_of, lengths_at, segment_lengths
-from .sides import parts_of_steps, sides_that_differ, with_sides_exchanged
+from .sides import parts_of_steps, sides_that_differ, with_sides_swapped
 
 Poses = TypeVar("Poses", Pose3D, PoseSequence)
 JOINTS = tuple(JOINT_DIRECTIONS)
@@ -202,7 +202,7 @@ class ViewsAtJointCentres:
     def part(self, steps: slice) -> ViewSequence:
         """The views of these time steps."""
         seen, landmarks = self._views.part(steps), self._marked(steps)
-        named = with_sides_exchanged(seen, sides_that_differ(landmarks, self._rig, seen))
+        named = with_sides_swapped(seen, sides_that_differ(landmarks, self._rig, seen))
         moves = self._moves(steps, landmarks)
         begin = steps.indices(len(self._points))[0] * moves[:1].size
         here = slice(*np.searchsorted(self._missing, [begin, begin + moves.size]))

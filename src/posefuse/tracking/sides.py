@@ -13,20 +13,20 @@ import numpy as np
 
 from posefuse.core import PoseSequence, Rig, Skeleton, ViewSequence
 from posefuse.core.arrays import Array, give_away
-from posefuse.core.skeleton import exchange_sides
+from posefuse.core.skeleton import swap_sides
 
 # a keypoint's surprise counts up to this distance from where its velocity would have taken it
 _MOST_SURPRISE_M = 0.4
-# what an exchange must gain per time step and keypoint to be believed
+# what a swap must gain per time step and keypoint to be believed
 _PRIOR_M = 0.03
-# clues to where the body faces that must outweigh the others before an exchange against them counts as impossible
+# clues to where the body faces that must outweigh the others before a swap against them counts as impossible
 _FACING_CLUES = 2
 # hips and shoulders are on the same side where the cosine of the angle between their left-right axes is clear of zero
 _LEAST_TWIST = 0.2
-# a view is held to no less than this, so that an overconfident one is not exchanged for a few pixels
+# a view is held to no less than this, so that an overconfident one is not swapped for a few pixels
 _LEAST_SIGMA_PX = 2.0
-# Cauchy loss that exchanging a limb in a view must save, its scale in standard deviations, and the share of their distance to the
-# reference that both sides may keep: a view that takes one arm for both gives no reason to exchange the arms of another view
+# Cauchy loss that swapping a limb in a view must save, its scale in standard deviations, and the share of their distance to the
+# reference that both sides may keep: a view that takes one arm for both gives no reason to swap the arms of another view
 _LEAST_GAIN, _SCALE_SIGMA, _NEARER = 2.0, 2.0, 0.8
 # time steps whose views are judged at once: intermediate arrays are several times as large as the views
 _PART_STEPS = 1000
@@ -38,7 +38,7 @@ def steady_sides(sequence: PoseSequence, facing: Array) -> tuple[Array, Array]:
 
     The labelling of least total surprise over the whole recording (Viterbi over pairs of time steps; surprise is the distance
     from constant velocity); arms and legs also stay on the side of the body that feet, nose and knees show, and legs on
-    the side given by the shoulders. Arms of which nothing shows where they belong are never exchanged in most of a recording.
+    the side given by the shoulders. Arms of which nothing shows where they belong are never swapped in most of a recording.
 
     Args:
         sequence: poses. facing: (2, T, N) clues, for arms and for legs, that their left one is on the left, less those against
@@ -55,19 +55,19 @@ def steady_sides(sequence: PoseSequence, facing: Array) -> tuple[Array, Array]:
             swapped = _labels(sequence.t_ns, xyz[:, n, left], xyz[:, n, right], agree)
             wrong = np.isin(np.arange(len(sequence)), swapped)
             for plane in (xyz, cov):
-                exchange_sides(plane[:, n], wrong, left, right)
+                swap_sides(plane[:, n], wrong, left, right)
     return xyz, cov
 
 
 def sides_like(reference: PoseSequence, rig: Rig, views: ViewSequence) -> ViewSequence:
-    """The views with left and right of a limb exchanged wherever that view then fits the reference better.
+    """The views with left and right of a limb swapped wherever that view then fits the reference better.
 
     The reference is the same recording steadied over time, so a view is judged by what came before and after as well as by
     the other views.
     """
     parts = parts_of_steps(len(reference))
     wrong = [sides_that_differ(reference.xyz_world[part], rig, views.part(part)) for part in parts]
-    return with_sides_exchanged(views, np.concatenate(wrong))
+    return with_sides_swapped(views, np.concatenate(wrong))
 
 
 def parts_of_steps(steps: int) -> list[slice]:
@@ -76,7 +76,7 @@ def parts_of_steps(steps: int) -> list[slice]:
 
 
 def sides_that_differ(xyz_world: Array, rig: Rig, views: ViewSequence, sigma_m: Array | None = None) -> Array:
-    """(T, N, C, L) which of the skeleton's L pairs of limbs a view has exchanged, by points (T, N, K, 3); see `sides_like`.
+    """(T, N, C, L) which of the skeleton's L pairs of limbs a view has swapped, by points (T, N, K, 3); see `sides_like`.
 
     sigma_m: (T, N, K) how well the points are known, where that is less than what a view states.
     """
@@ -89,14 +89,14 @@ def sides_that_differ(xyz_world: Array, rig: Rig, views: ViewSequence, sigma_m: 
         doubt_px = np.fmax(known_px[..., left], known_px[..., right])
         saved, nearer = np.zeros(wrong.shape[:-1]), np.zeros(wrong.shape[:-1])
         for seen, other in ((left, right), (right, left)):
-            kept, exchanged = (
+            kept, swapped = (
                 np.linalg.norm(views.xy_img[..., seen, :] - expected[..., named, :], axis=-1)
                 / np.hypot(sigma_px[..., seen], doubt_px)
                 for named in (seen, other)
             )
             # missing ones do not count
-            saved += np.nansum(_loss(kept) - _loss(exchanged), axis=-1)
-            nearer += np.nansum(_NEARER * kept - exchanged, axis=-1)
+            saved += np.nansum(_loss(kept) - _loss(swapped), axis=-1)
+            nearer += np.nansum(_NEARER * kept - swapped, axis=-1)
         wrong[..., limb] = (saved > _LEAST_GAIN) & (nearer > 0)
     return wrong
 
@@ -112,14 +112,14 @@ def _in_images(rig: Rig, xyz_world: Array, sigma_m: Array) -> Array:
     return np.asarray(np.array([camera.K[0, 0] for camera in rig])[:, None] * sigma_m[:, :, None] / depth_m)
 
 
-def with_sides_exchanged(views: ViewSequence, wrong: Array) -> ViewSequence:
-    """The views with left and right exchanged of the limbs (T, N, C, L) that are wrong."""
+def with_sides_swapped(views: ViewSequence, wrong: Array) -> ViewSequence:
+    """The views with left and right swapped of the limbs (T, N, C, L) that are wrong."""
     planes = {name: np.array(getattr(views, name)) for name in ("xy_img", "score", "sigma_px")}
     if views.depth_m is not None:
         planes["depth_m"] = np.array(views.depth_m)
     for limb, (left, right) in enumerate(views.skeleton.limbs):
         for plane in planes.values():
-            exchange_sides(plane, wrong[..., limb], left, right)
+            swap_sides(plane, wrong[..., limb], left, right)
     give_away(*planes.values())
     changed: dict[str, Any] = dict(planes)
     return replace(views, **changed)
@@ -128,7 +128,7 @@ def with_sides_exchanged(views: ViewSequence, wrong: Array) -> ViewSequence:
 def _twist(xyz: Array, skeleton: Skeleton) -> Array:
     """(T,) cosine between hip line and shoulder line, both from right to left; NaN where one is missing.
 
-    Exchanging arms or legs, not both, turns its sign.
+    Swapping arms or legs, not both, turns its sign.
     """
     if any(f"left_{part}" not in skeleton.keypoints for part in ("hip", "shoulder")):
         return np.full(len(xyz), np.nan)
@@ -138,9 +138,9 @@ def _twist(xyz: Array, skeleton: Skeleton) -> Array:
 
 
 def _labels(t_ns: Array, left: Array, right: Array, agree: Array) -> Array:
-    """Indices of the time steps to exchange, from (T, k, 3) positions of both sides.
+    """Indices of the time steps to swap, from (T, k, 3) positions of both sides.
 
-    agree: (T,) how much of the rest of the body shows that sides are right, negative: exchanged, 0: nothing.
+    agree: (T,) how much of the rest of the body shows that sides are right, negative: swapped, 0: nothing.
     """
     count = len(t_ns)
     if count < 3:

@@ -36,7 +36,7 @@ class OracleNoise:
         bias_px: constant error of each coordinate, drawn once per camera and keypoint with this standard deviation.
         outlier_share: of keypoints that land anywhere within outlier_px of the truth with a score that does not show it.
         outlier_px: half the side of that square.
-        swap_share: of (person, frame) whose left and right are exchanged.
+        swap_share: of (person, frame) whose left and right are swapped.
         miss_share: of (person, frame) not seen at all.
     """
 

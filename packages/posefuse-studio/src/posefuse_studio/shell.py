@@ -43,7 +43,8 @@ _LIGHTS = {"good": "check_circle", "bad": "error", "doubt": "warning", "off": "r
 def shell(studio: Studio, here: StudioPage) -> Iterator[None]:
     """The frame of a page; its own elements go into the block."""
     dark = apply_style()
-    ui.on_exception(lambda error: refused(str(error) if isinstance(error, REFUSALS) else _BUG.format(type(error).__name__)))
+    named = studio.workspace.in_names
+    ui.on_exception(lambda one: refused(named(str(one)) if isinstance(one, REFUSALS) else _BUG.format(type(one).__name__)))
     with ui.header(elevated=False).classes("pf-header"):
         with ui.link(target="/").classes("pf-brand"):
             ui.html(_LOGO, sanitize=False)

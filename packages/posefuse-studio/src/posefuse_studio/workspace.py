@@ -77,6 +77,10 @@ class StudioWorkspace:
         except ValueError:
             raise InputError(f"{path}: not inside the workspace {self.root}") from None
 
+    def in_names(self, text: str) -> str:
+        """A message with files named as pages name them, wherever the workspace is on the server."""
+        return text.replace(f"{self.root}{os.sep}", "")
+
     def free_name(self, folder: str, stem: str, suffix: str = "") -> str:
         """``FOLDER/STEM``, or with ``-2``, ``-3`` ... where that exists; `folder` is made."""
         place = self.folder(folder)

@@ -83,6 +83,7 @@ def teleoperate(
             deadman, gesture_allowed=command is None or emergency_stop, ros=lambda: ros or RosPlan.listening(session.ros)
         )
         stack.callback(switch.close)
+        session.ros_used_elsewhere = ros is not None or str(deadman).startswith("ros:")
         watches = [] if watch is None else [watch]
         if show is not None:
             from posefuse_teleop.scene_view import SceneView

@@ -172,8 +172,6 @@ def teleoperate(
         duration_s=timing.duration,
         loop_s=timing.loop,
     )
-    if not (wanted or robot.deadman.startswith("ros:")):
-        session.check_ros_is_used()
     plan = RosPlan(
         version=1 if ros.ros1 else 2,
         network=package_of_extra("posefuse_ros.dds_domain", "ros").Network(**ros_2.network) if wanted else None,

@@ -256,7 +256,7 @@ def continuity_finding(known: SeenBody, now: SeenBody, settings: GateSettings) -
     if (too_far_m > _HAND_STEP_M).any():
         return _ends("the hand jumped")
     if (_length(now.hand_xyz - known.other_xyz) + _length(now.other_xyz - known.hand_xyz) < hand + other).any():
-        return _ends("left and right hand were exchanged")
+        return _ends("left and right hand were swapped")
     share = np.append(np.full(len(hand), FOREARM_SHARE), TRUNK_SHARE)
     if (np.abs(now.lengths_m - known.lengths_m) > share * known.lengths_m).any():
         return _ends("forearm or trunk of another length: another body or hand")
@@ -405,7 +405,7 @@ def _with_view(gate: Gate, seen: Seen, settings: GateSettings) -> tuple[Gate, Fi
     now = seen_in(view, not hand_problem(view, settings), settings)
     same = known is not None and np.array_equal(now.hand_xyz, known.hand_xyz)
     after = replace(gate, view_t_ns=view.t_ns, changed_ns=gate.changed_ns if same else seen.now_ns)
-    # by the times of the views alone: a clock that is off hides no exchange
+    # by the times of the views alone: a clock that is off hides no swap
     before_ns = view.t_ns if gate.view_t_ns is None else gate.view_t_ns
     if view.t_ns < before_ns or view.t_ns - view.measured_ns > settings.pose_age_s * 1e9:
         return after, FINE

@@ -98,7 +98,7 @@ def check_synchronised(free: SolvedRig) -> Check:
 def true_sided(skeleton: Skeleton, xyz: Array) -> float:
     """Share of a body's keypoints (T, K, 3) over time in which left, front and up lie as they do in a body; NaN unknown.
 
-    A body and a rig seen from afar fit the images nearly as well as their mirror images, whose left and right are exchanged.
+    A body and a rig seen from afar fit the images nearly as well as their mirror images, whose left and right are swapped.
     """
 
     def between(ends: tuple[tuple[str, ...], tuple[str, ...]]) -> Array:
@@ -151,7 +151,7 @@ def _explains(solved: SolvedRig, before: SolvedRig) -> bool:
 
 
 def _flipped(views: PersonViews, cameras: tuple[Camera, ...], camera: int) -> PersonViews:
-    """One camera's image flipped, and the sides, which a network names by their looks, exchanged."""
+    """One camera's image flipped, and the sides, which a network names by their looks, swapped."""
     xy, score, sigma = views.xy_img.copy(), views.score.copy(), views.sigma_px.copy()
     xy[camera] = xy[camera] * [-1, 1] + [cameras[camera].size_wh[0] - 1, 0]
     for values in (xy, score, sigma):

@@ -165,8 +165,8 @@ def bodies_from_poses(sequence: PoseSequence) -> dict[int, BodyModel]:
     known = {person: body for person, body in bodies.items() if body is not None}
     if bodies and not known:
         raise InputError(
-            f"whole-body fit: a body needs both hips and both shoulders in at least {FEWEST_SEEN} of the {len(sequence)} time "
-            f"steps; none of the {len(bodies)} people has them: see which keypoints were found"
+            f"whole-body fit: expected both hips and both shoulders of a person in at least {FEWEST_SEEN} time steps; there are "
+            f"{len(sequence)}, and no person has so many; `fit=none` takes joint angles from the 3D points as they are"
         )
     return known
 

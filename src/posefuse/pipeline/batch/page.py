@@ -18,7 +18,7 @@ from posefuse.evaluation.report import RANGES, cycle_series
 from posefuse.formats.page import Block, Cards, Heading, Note, Page, Plot, Plots, Series, Table
 from posefuse.kinematics import joints_from_poses
 from posefuse.kinematics.gait import Gait, gait_from_poses
-from posefuse.outputs.facts import duration_s
+from posefuse.outputs.provenance import duration_s
 
 # The figures of a trial for the table of a study.
 

@@ -115,6 +115,8 @@ def run_study(
         InputError: no sessions, no place for the results, or results made in another way (without `replace`).
         ConfigError: a wrong setting or an unknown output. DependencyError: no Dask.
     """
+    if jobs is not None and scheduler is not None:
+        raise InputError(f"`jobs={jobs}`: the workers of `scheduler={scheduler}` limit how many trials run at once; leave it out")
     build_sinks(formats)
     trials = find_trials(study)
     check_outside_inputs(out, [study])
@@ -125,7 +127,8 @@ def run_study(
     kept, to_do = tuple(sorted(outcomes)), [task for name, task in tasks.items() if name not in outcomes]
     for task in to_do:
         check_replaceable(task.out, command="track", replace=True)
-    progress("trials", len(kept), len(tasks), f"{len(tasks)} trials, {len(kept)} of them complete from an earlier run")
+    earlier = f", {len(kept)} of them complete from an earlier run" if kept else ""
+    progress("trials", len(kept), len(tasks), f"{len(tasks)} trial{'s' * (len(tasks) > 1)}{earlier}")
     if to_do:
         # once and here: every process would do it for itself
         config = to_do[0].config
@@ -154,9 +157,7 @@ def _naming_what_is_kept() -> Iterator[None]:
 
 
 def _run(tasks: Sequence[Task], jobs: int | None, scheduler: str | None) -> Iterator[Outcome]:
-    if not tasks:
-        return iter(())
-    if scheduler is not None:
+    if tasks and scheduler is not None:
         return outcomes_on_cluster(tasks, scheduler)
     return outcomes_here(tasks, jobs or default_jobs())
 

@@ -185,7 +185,8 @@ def run_task(task: Task) -> Outcome:
 
 def _in_settings(text: str) -> str:
     """A message about a trial: what is an argument of `track` there, `` `rig=FILE` ``, a study takes as one of its settings."""
-    return re.sub(rf"`(?=(?:{'|'.join(one.name for one in fields(TrackConfig))})=)", "`settings=", text)
+    names = "|".join(one.name for one in fields(TrackConfig))
+    return re.sub(rf"`(?=(?:{names})[.=])", "`settings=", text.replace("`people=", "`associate.max_people="))
 
 
 def _tracked(task: Task) -> Recording:

@@ -34,7 +34,7 @@ class CameraStatistics:
             before the first.
         innovation_sigmas: rms of its keypoints' normalised innovations (1 for a healthy camera); NaN before the first.
         gated_share: share of its keypoints that were too far off to be used.
-        flipped_share: share of its views with left and right exchanged somewhere.
+        flipped_share: share of its views with left and right swapped somewhere.
         unclaimed: views that showed no person who is tracked. late, ahead: views refused as older than the buffer, or from
             the future (a wrong clock). repeated: views with a time already received. crowded: views beyond the allowed rate.
     """
@@ -62,7 +62,7 @@ class CameraRecord:
     unclaimed: int = 0
     square: float = float("nan")
     gated: float = 0.0
-    flipped: float = 0.0
+    swapped: float = 0.0
 
     def count(self, figures: ViewFigures) -> None:
         """Apply what was found in a view of this camera."""
@@ -73,7 +73,7 @@ class CameraRecord:
         square = figures.square / (2 * figures.measured)
         self.square = square if np.isnan(self.square) else self.square + memory * (square - self.square)
         self.gated += memory * (figures.gated / figures.measured - self.gated)
-        self.flipped += memory * (float(figures.exchanged > 0) - self.flipped)
+        self.swapped += memory * (float(figures.swapped > 0) - self.swapped)
 
     def statistics(self, now_ns: int | None) -> CameraStatistics:
         """At the newest time of all cameras; None: no view was used so far."""
@@ -82,7 +82,7 @@ class CameraRecord:
             age_s=float("nan") if now_ns is None or not self.used_ns else (now_ns - max(self.used_ns)) * 1e-9,
             innovation_sigmas=float(np.sqrt(self.square)),
             gated_share=self.gated,
-            flipped_share=self.flipped,
+            flipped_share=self.swapped,
             unclaimed=self.unclaimed,
             **self.refused,
         )

@@ -30,10 +30,10 @@ _WRONG_SIGMAS, _WRONG_M = 5.0, 0.06
 # a keypoint that is tracked so far from where the newest views put it may begin there again
 _ELSEWHERE_M = 0.12
 _SAME_PERSON_M = 0.3
-# limbs are exchanged in the person when so many checks running see them so
-_TURNED_CHECKS = 3
+# limbs are swapped in the person when so many checks running see them so
+_LIMB_CHECKS = 3
 # checks running until a keypoint begins again elsewhere, and the same where its counterpart is tracked
-_FAR_CHECKS, _EXCHANGED_CHECKS = 2, 3
+_FAR_CHECKS, _SWAPPED_CHECKS = 2, 3
 
 
 class CrossCheck:
@@ -54,8 +54,8 @@ class CrossCheck:
         self._wrong: dict[str, Array] = {}
         # (K,) in how many checks running keypoints were found elsewhere
         self._far = np.zeros(len(self._skeleton), np.int64)
-        # (GROUPS,) in how many checks running left and right of limbs were exchanged against what is tracked
-        self._turned = np.zeros(GROUPS, np.int64)
+        # (GROUPS,) in how many checks running left and right of limbs were swapped against what is tracked
+        self._swapped = np.zeros(GROUPS, np.int64)
         self.checked_ns = self.found_ns = 0
         self.away_world = np.full((len(self._skeleton), 3), np.nan)
 
@@ -84,22 +84,22 @@ class CrossCheck:
         if xyz is None:
             self._nothing_found()
             return
-        exchanged = self._model.exchanged(_apart(xyz[self._mirror], now), _apart(xyz, now), 1.0)
-        self._turned = np.where(exchanged, self._turned + 1, 0)
-        turned = self._turned == _TURNED_CHECKS
-        self._turned[turned] = 0
-        now = self._with_exchanged(now, turned)
-        xyz = self._with_exchanged(xyz, exchanged & ~turned)
+        swapped = self._model.swapped(_apart(xyz[self._mirror], now), _apart(xyz, now), 1.0)
+        self._swapped = np.where(swapped, self._swapped + 1, 0)
+        settled = self._swapped == _LIMB_CHECKS
+        self._swapped[settled] = 0
+        now = self._with_swapped(now, settled)
+        xyz = self._with_swapped(xyz, swapped & ~settled)
         self.found_ns, self.away_world = t_ns, xyz - now
         self._wrong = self._judged(xyz, together)
         # called where nothing changes, too: so their kernels are compiled before a session begins
-        person.exchange(turned)
+        person.swap(settled)
         person.begin_again(self._elsewhere(xyz, now))
 
     def _nothing_found(self) -> None:
         """A check that judged nothing: what the checks before it saw, they did not see in checks running."""
         self._wrong.clear()
-        self._far[:], self._turned[:] = 0, 0
+        self._far[:], self._swapped[:] = 0, 0
 
     def _at(self, view: Detections2D, person: Person, t_ns: int, now: Array) -> Detections2D:
         """The view as it would be at t_ns, moved by what the person moved since."""
@@ -120,27 +120,27 @@ class CrossCheck:
         for camera, centre, focal_px, view in zip(self._rig, self._centres, self._focal_px, together, strict=True):
             if not len(view):
                 continue
-            # limbs of a view that are exchanged as a whole are put right by the filter
+            # limbs of a view that are swapped as a whole are put right by the filter
             expected, depth_m = camera.project(xyz), _apart(xyz, centre)
             same_px, other_px = _apart(view.xy_img[0], expected), _apart(view.xy_img[0], expected[self._mirror])
-            exchanged = self._model.of_limbs(self._model.exchanged(other_px, same_px, CLEARLY))
+            swapped = self._model.of_limbs(self._model.swapped(other_px, same_px, CLEARLY))
             least_px = np.maximum(_WRONG_SIGMAS * view.sigma_px[0], _WRONG_M * focal_px / depth_m)
             # a hidden limb is not where its counterpart is
-            doubled = np.isnan(depth_m) & ~exchanged & (other_px < least_px[self._mirror])
-            wrong[camera.name] = (np.where(exchanged, other_px, same_px) > least_px) | doubled
+            doubled = np.isnan(depth_m) & ~swapped & (other_px < least_px[self._mirror])
+            wrong[camera.name] = (np.where(swapped, other_px, same_px) > least_px) | doubled
         return wrong
 
     def _elsewhere(self, xyz: Array, now: Array) -> Array:
         """(K, 3) keypoints that several checks running found far from where they are tracked; NaN for the others."""
         away_m = _apart(xyz, now)
         self._far = np.where(away_m > _ELSEWHERE_M, self._far + 1, 0)
-        # networks exchange wrists that pass each other, so several views may be wrong in the same way for a while
-        patience = np.where(_apart(xyz[self._mirror], now) < away_m, _EXCHANGED_CHECKS, _FAR_CHECKS)
+        # networks swap wrists that pass each other, so several views may be wrong in the same way for a while
+        patience = np.where(_apart(xyz[self._mirror], now) < away_m, _SWAPPED_CHECKS, _FAR_CHECKS)
         again = self._far >= patience
         self._far[again] = 0
         return np.where(again[:, None], xyz, np.nan)
 
-    def _with_exchanged(self, xyz: Array, limbs: Array) -> Array:
+    def _with_swapped(self, xyz: Array, limbs: Array) -> Array:
         return np.where(self._model.of_limbs(limbs)[:, None], xyz[self._mirror], xyz)
 
 

@@ -13,13 +13,13 @@ from posefuse.core.arrays import Array
 from posefuse.tracking.settings import MOTION, LiveMotion, LiveSettings
 
 from .kernels.pose import PoseRow, pose, where
-from .kernels.rays import exchange_groups
+from .kernels.rays import swap_groups
 from .kernels.state import GROUPS, KeypointRays, Rules, SessionArrays, TrackState, born, unborn
 from .kernels.step import ViewFigures, step
 from .kernels.updates import begin_again
 from .own_motion import OwnMotion
 
-# a view's limb is exchanged as a whole where that brings it so much closer
+# a view's limb is swapped as a whole where that brings it so much closer
 CLEARLY = 0.5
 # what a newborn's keypoint may do, one standard deviation
 _BORN_M_S = 1.5
@@ -62,10 +62,10 @@ class Model:
         """(GROUPS, K) of which limbs each keypoint is."""
         return np.asarray(self.arrays.group == np.arange(GROUPS)[:, None])
 
-    def exchanged(self, other: Array, same: Array, share: float) -> Array:
-        """(GROUPS,) limbs whose distances (K,) with left and right exchanged are less than such a share of those as they are.
+    def swapped(self, other: Array, same: Array, share: float) -> Array:
+        """(GROUPS,) limbs whose distances (K,) with left and right swapped are less than such a share of those as they are.
 
-        Arms, legs and head each as a whole: a pair of elbows alone is never exchanged.
+        Arms, legs and head each as a whole: a pair of elbows alone is never swapped.
         """
         known = self.limbs & np.isfinite(other) & np.isfinite(same)
         return np.array([other[one].sum() < share * same[one].sum() for one in known])
@@ -81,14 +81,14 @@ def named_rays(rays: KeypointRays, world: Array, model: Model) -> tuple[Array, A
     there = camera @ world
     expected = there[:, :2] / there[:, 2:]
     same, other = (np.linalg.norm(z - expected, axis=-1) for z in (rays.z, rays.z[mirror]))
-    exchanged = model.of_limbs(model.exchanged(other, same, CLEARLY))
-    source = np.where(exchanged, mirror, np.arange(len(mirror)))
+    swapped = model.of_limbs(model.swapped(other, same, CLEARLY))
+    source = np.where(swapped, mirror, np.arange(len(mirror)))
     z = rays.z[source]
     return z, np.where(np.isfinite(z[:, 0]), 0.5 * (rays.white[source] ** 2).sum(axis=(-1, -2)), 0.0)
 
 
 def _groups(skeleton: Skeleton) -> Array:
-    """(K,) what is exchanged together: arms 0, legs 1, head 2; -1 on the midline."""
+    """(K,) what is swapped together: arms 0, legs 1, head 2; -1 on the midline."""
     groups = np.full(len(skeleton), 2, np.int64)
     for number, sides in enumerate(skeleton.limbs):
         groups[np.concatenate(sides)] = number
@@ -200,10 +200,10 @@ class Person:
         if np.isfinite(xyz).any():
             self._own_motion.begin_again()
 
-    def exchange(self, groups: Array) -> None:
-        """Exchange left and right of limbs (`GROUPS`,), see `SessionArrays`, in every kept state."""
+    def swap(self, groups: Array) -> None:
+        """Swap left and right of limbs (`GROUPS`,), see `SessionArrays`, in every kept state."""
         for moment in self._moments:
-            exchange_groups(moment.state, self._model.arrays, groups)
+            swap_groups(moment.state, self._model.arrays, groups)
         if groups.any():
             self._own_motion.begin_again()
 

@@ -297,7 +297,7 @@ class _Guide:
         try:
             rig = pf.read_rig(self._studio.workspace.existing(f"{self._project.folder}/{RIG}"))
         except PosefuseError as error:
-            light("bad", str(error))
+            light("bad", self._studio.workspace.in_names(str(error)))
             return
         cov = {camera: np.asarray(one) * _LARGER**2 for camera, one in placed.position_cov_m2.items()}
         self._studio.streams[self._stream].publish("setup", setup_message(rig, centre_cov=cov), keep=True)

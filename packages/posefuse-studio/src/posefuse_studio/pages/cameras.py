@@ -140,7 +140,7 @@ class _Chooser:
     def _start(self) -> None:
         if not self._sources:
             raise InputError("Add a camera first")
-        self._studio.jobs.start(WATCH, f"Images of {len(self._sources)} cameras", {"sources": self._sources})
+        self._studio.jobs.start(WATCH, f"Images of {', '.join(self._sources)}", {"sources": self._sources})
 
     def _load(self, name: str | None) -> None:
         if name:

@@ -49,7 +49,7 @@ def build(studio: Studio, name: str) -> None:
         except PosefuseError as error:
             waiting.clear()
             with waiting:
-                light("bad", str(error).replace(f"{studio.workspace.root}/", ""))
+                light("bad", studio.workspace.in_names(str(error)))
             return
         if client.is_deleted:
             playback.close()
@@ -264,7 +264,7 @@ class EditCard:
         try:
             self.edits = self._recording.edits
         except PosefuseError as error:
-            show(str(error))
+            show(self._studio.workspace.in_names(str(error)))
         return self.edits
 
     def _mark(self, from_s: float | None) -> None:

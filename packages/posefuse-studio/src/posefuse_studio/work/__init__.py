@@ -41,7 +41,7 @@ class JobReporter:
     """
 
     def __init__(self, workspace: StudioWorkspace, job: str) -> None:
-        self.cancelled = threading.Event()
+        self.cancelled, self._workspace = threading.Event(), workspace
         self._address, self._folder = address_file(workspace.root, job), workspace.path(f"{JOBS_FOLDER}/{job}")
         self._lock = threading.Lock()
         self._report = Report(state="running", pid=os.getpid())
@@ -54,7 +54,7 @@ class JobReporter:
     def __call__(self, stage: str, done: int, total: int | None, message: str = "") -> None:
         """See `Progress`."""
         with self._lock:
-            news = (*self._report.news, *([message] if message else []))[-_MOST_NEWS:]
+            news = (*self._report.news, *([self._workspace.in_names(message)] if message else []))[-_MOST_NEWS:]
             self._report = replace(self._report, stage=stage, done=done, total=total, news=news)
 
     def note(self, message: str) -> None:
@@ -110,11 +110,10 @@ def carry_out(workspace: StudioWorkspace, job: Job, reporter: JobReporter) -> No
     except KeyboardInterrupt:
         reporter.end(state="cancelled", error="cancelled; what was finished is kept")
     except PosefuseError as error:
-        # pages name files as they lie in the workspace, wherever that is on the server
-        reporter.end(state="failed", error=str(error).replace(f"{workspace.root}{os.sep}", ""))
+        reporter.end(state="failed", error=workspace.in_names(str(error)))
     except Exception as error:  # noqa: BLE001 - a bug of the work is shown on the page and kept in the log
         traceback.print_exc()
-        reporter.end(state="failed", error=f"{type(error).__name__}: {error} (the log has the trace)")
+        reporter.end(state="failed", error=workspace.in_names(f"{type(error).__name__}: {error} (the log has the trace)"))
 
 
 def interrupt_main_thread() -> None:

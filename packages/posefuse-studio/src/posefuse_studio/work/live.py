@@ -147,7 +147,7 @@ class _Shown:
             outputs=dict(self._session.outputs),
             wanted=list(self._wanted),
             latency_p95_ms=max(latencies, default=0.0) or None,
-            news=self._session.news[-_MOST_NEWS:],
+            news=[*map(self._workspace.in_names, self._session.news[-_MOST_NEWS:])],
             refused=list(self._refused[-_MOST_NEWS:]),
         )
 
@@ -178,7 +178,7 @@ class _Shown:
             # what was refused before has been done now, or is wanted no more
             self._refused.clear()
         except (PosefuseError, OSError) as error:
-            self._refused.append(f"{time.time():.0f} {error}")
+            self._refused.append(f"{time.time():.0f} {self._workspace.in_names(str(error))}")
 
     def _switch(self, name: str, options: Mapping[str, Any] | None) -> None:
         if options is None:

@@ -1,4 +1,4 @@
-"""One keypoint in one view: a ray, two rows, in units of its noise; and limbs with left and right exchanged."""
+"""One keypoint in one view: a ray, two rows, in units of its noise; and limbs with left and right swapped."""
 
 from __future__ import annotations
 
@@ -95,7 +95,7 @@ def person_agreement(camera, means, sigmas, z, mirror, tolerance_m, support, sha
     """How well the person expected at means (K, 3) explains each of P detections z (P, K, 2): filled (P,), (P,).
 
     A keypoint supports by 1 less its squared miss at the body's depth over the tolerance (widened by what is uncertain);
-    left and right exchanged counts too, whichever is better.
+    left and right swapped counts too, whichever is better.
     """
     for p in range(len(z)):
         support[p], share[p] = 0.0, 0.0
@@ -120,14 +120,14 @@ def person_agreement(camera, means, sigmas, z, mirror, tolerance_m, support, sha
                 support[p], share[p] = gain, agree / both
 
 
-_FLIP_GAIN = 12.0  # least loss saved by exchanging a limb: noise does not exchange
-_FLIP_OBJECTION = 4.0  # least additional loss for which a limb supports its own sides
-_FLIP_MOST = 16.0  # largest contribution of a keypoint
+_SWAP_GAIN = 12.0  # least loss saved by swapping a limb: noise does not swap
+_SWAP_OBJECTION = 4.0  # least additional loss for which a limb supports its own sides
+_SWAP_MOST = 16.0  # largest contribution of a keypoint
 
 
 @kernel()
-def flipped_groups(view, means, spreads, session, out):
-    """out (GROUPS,): which limbs fit clearly better with left and right exchanged."""
+def swapped_groups(view, means, spreads, session, out):
+    """out (GROUPS,): which limbs fit clearly better with left and right swapped."""
     z, white, camera = view.z, view.white, session.cameras[view.camera]
     gain = np.zeros(GROUPS)
     rows, error, point = np.empty((2, 3)), np.empty(2), np.empty(3)
@@ -142,17 +142,17 @@ def flipped_groups(view, means, spreads, session, out):
             if not ray(camera, point, white[k], z[k], rows, error):
                 continue
             s00, s01, s11 = expected(rows, spreads[i], 1.0)
-            loss = min(squared(s00, s01, s11, error[0], error[1]), _FLIP_MOST)
+            loss = min(squared(s00, s01, s11, error[0], error[1]), _SWAP_MOST)
             gain[g] += loss if turn == 0 else -loss
     # the whole body is swapped when no limb contradicts: eyes and ears alone are too close together to decide
-    whole = gain.sum() > _FLIP_GAIN and gain.min() > -_FLIP_OBJECTION
+    whole = gain.sum() > _SWAP_GAIN and gain.min() > -_SWAP_OBJECTION
     for g in range(GROUPS):
-        out[g] = whole or gain[g] > _FLIP_GAIN
+        out[g] = whole or gain[g] > _SWAP_GAIN
 
 
 @kernel()
-def exchange_person(person, session, g):
-    """Exchange left and right of one limb of the person."""
+def swap_person(person, session, g):
+    """Swap left and right of one limb of the person."""
     x, cov, share = person.x, person.cov, person.share
     for i in range(len(session.mirror)):
         o = session.mirror[i]
@@ -168,9 +168,9 @@ def exchange_person(person, session, g):
 
 
 @kernel()
-def exchange_groups(person, session, which):
-    """Exchange left and right of the limbs `which` (GROUPS,) of a person, and forget the views in which they were exchanged."""
+def swap_groups(person, session, which):
+    """Swap left and right of the limbs `which` (GROUPS,) of a person, and forget the views in which they were swapped."""
     for g in range(GROUPS):
         if which[g]:
-            exchange_person(person, session, g)
-            person.flips[g] = 0.0
+            swap_person(person, session, g)
+            person.swaps[g] = 0.0

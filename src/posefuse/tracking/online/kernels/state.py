@@ -29,7 +29,7 @@ class Rules(NamedTuple):
 class SessionArrays(NamedTuple):
     """What is the same for all people and views: K keypoints, M motion models, C cameras, B bones.
 
-    cameras: (C, 15) rotation, translation, centre. mirror: (K,) counterparts. group: (K,) the limbs a keypoint is exchanged with,
+    cameras: (C, 15) rotation, translation, centre. mirror: (K,) counterparts. group: (K,) the limbs a keypoint is swapped with,
     -1 on the midline. neighbours: (K, n) keypoints at the other ends of its bones, -1 for none. ends: (B, 2) bones.
     models: (2, M, 2) acceleration of keypoints and of the body, and how long it lasts.
     """
@@ -57,7 +57,7 @@ class KeypointRays(NamedTuple):
     sigma_px: Array
 
 
-GROUPS = 3  # arms, legs, head: what is exchanged together
+GROUPS = 3  # arms, legs, head: what is swapped together
 NEVER = -1e9
 _BODY_BORN_M = 0.05  # the newborn body's middle
 
@@ -68,7 +68,7 @@ class TrackState(NamedTuple):
     x (K + 1, M, 9), cov (K + 1, M, 9, 9) and share (K + 1, M) of each model: the body as a whole in the last row, the keypoints
     against it in the others. lively (K + 1,): variance of their accelerations lately. Per camera (K, C): seen, when it last
     measured, s; square, the squared px residual; precision, 1/variance; deepness, 1/variance of its depth (0 where it has none).
-    refused (K,): views refused in a row. flips (GROUPS,): share of exchanged views. bones (B, 2): mean length, views. time (1,).
+    refused (K,): views refused in a row. swaps (GROUPS,): share of swapped views. bones (B, 2): mean length, views. time (1,).
     """
 
     x: Array
@@ -80,7 +80,7 @@ class TrackState(NamedTuple):
     precision: Array
     deepness: Array
     refused: Array
-    flips: Array
+    swaps: Array
     bones: Array
     time: Array
 
@@ -103,7 +103,7 @@ def unborn(session: SessionArrays) -> TrackState:
         precision=precision,
         deepness=deepness,
         refused=np.zeros(k),
-        flips=np.zeros(GROUPS),
+        swaps=np.zeros(GROUPS),
         bones=np.zeros((len(session.ends), 2)),
         time=np.zeros(1),
     )

@@ -10,12 +10,12 @@ import numpy as np
 from posefuse.foundation.compiled import kernel
 
 from .body import alone, centre_body, hold_depth, learn_bones, let_go_of_strays, start_missing
-from .rays import depth_row, exchange_person, expected, flipped_groups, ray, squared
+from .rays import depth_row, expected, ray, squared, swap_person, swapped_groups
 from .state import GROUPS, all_models, combined, learn_liveliness, mix, predict_model
 from .updates import doubt, move_body, update
 
-_FLIP_MEMORY = 0.05  # weight of the newest view in the share of exchanged ones
-_FLIP_STATE = 0.6  # when so many views are exchanged it is the person who is
+_SWAP_MEMORY = 0.05  # weight of the newest view in the share of swapped ones
+_SWAP_STATE = 0.6  # when so many views are swapped it is the person who is
 _REFUSED_MOST = 4.0  # a keypoint that so many views in a row put elsewhere is elsewhere
 
 
@@ -23,13 +23,13 @@ class ViewFigures(NamedTuple):
     """Of one view of one person.
 
     measured: keypoints with a ray. gated: those of them that were too far off to be used. square: sum of their squared sigmas.
-    exchanged: limbs with left and right exchanged. speed_m_s: of the body after the view. depths: used for the body.
+    swapped: limbs with left and right swapped. speed_m_s: of the body after the view. depths: used for the body.
     """
 
     measured: float
     gated: float
     square: float
-    exchanged: float
+    swapped: float
     speed_m_s: float
     depths: float
 
@@ -47,32 +47,32 @@ def step(person, t, view, session, deep=None):
     start_missing(person, view.z, t, session)
     means, spreads = np.full((k + 1, 3), np.nan), np.empty((k + 1, 3, 3))
     _carried_on(person, dt, session, means, spreads)
-    exchanged = np.zeros(GROUPS)
+    swapped = np.zeros(GROUPS)
     wheres, wide = means[:k] + means[k], spreads[:k] + spreads[k]
-    flipped_groups(view, wheres, wide, session, exchanged)
-    source = sources(exchanged, session)
+    swapped_groups(view, wheres, wide, session, swapped)
+    source = sources(swapped, session)
     depths = move_body(view, source, person, means, spreads, session, deep)
     measured, gated, square = _work_in(view, t, source, person, means, spreads, session, deep)
     for g in range(GROUPS):
-        person.flips[g] += _FLIP_MEMORY * (exchanged[g] - person.flips[g])
-        if person.flips[g] > _FLIP_STATE:
-            exchange_person(person, session, g)
-            person.flips[g] = 0.0
+        person.swaps[g] += _SWAP_MEMORY * (swapped[g] - person.swaps[g])
+        if person.swaps[g] > _SWAP_STATE:
+            swap_person(person, session, g)
+            person.swaps[g] = 0.0
     let_go_of_strays(person.x[:k], person.share, means[:k])
     learn_bones(person.bones, session.ends, means, spreads)
     learn_liveliness(person.lively, person.share, session.models, dt)
     centre_body(person.x, person.share)
     if depths == 0 and alone(person.seen, c, t) > session.rules.alone_hold_s:
         hold_depth(session.cameras[c], dt, body_before, share_before, person.x[k], person.cov[k], person.share[k])
-    return ViewFigures(measured, gated, square, exchanged.sum(), _body_speed(person.x[k], person.share[k]), float(depths))
+    return ViewFigures(measured, gated, square, swapped.sum(), _body_speed(person.x[k], person.share[k]), float(depths))
 
 
 @kernel()
-def sources(exchanged, session):
-    """(K,) which keypoint of the view each one of the person is: its counterpart where its limb is exchanged (GROUPS,)."""
+def sources(swapped, session):
+    """(K,) which keypoint of the view each one of the person is: its counterpart where its limb is swapped (GROUPS,)."""
     source = np.arange(len(session.mirror))
     for i in range(len(source)):
-        if session.group[i] >= 0 and exchanged[session.group[i]] > 0.0:
+        if session.group[i] >= 0 and swapped[session.group[i]] > 0.0:
             source[i] = session.mirror[i]
     return source
 

@@ -1,4 +1,4 @@
-"""What the user asked of `posefuse calibrate`, and after a refusal the command to type next, by what mends it."""
+"""The command to type after `posefuse calibrate` has refused, by what mends it; and checks of what its options name."""
 
 from __future__ import annotations
 
@@ -17,8 +17,8 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Asked:
-    """What the refused command was asked for.
+class TypedCommand:
+    """A command that was refused.
 
     Attributes:
         step: of `posefuse calibrate`. inputs: recordings. options: its options.
@@ -37,7 +37,7 @@ class Asked:
         return _typed(self.step, *map(quoted, self.inputs), option_words(self.options, **{"replace": True, **changed}))
 
 
-def next_after(report: CalibrationReport, asked: Asked) -> tuple[str, str]:
+def next_after(report: CalibrationReport, asked: TypedCommand) -> tuple[str, str]:
     """The command to type after a refusal, by the first check that fails, and what it is good for."""
     check, clocks = report.failed[0], asked.option("clocks")
     match check.kind:
@@ -132,7 +132,7 @@ def check_files(options: Any, inputs: Sequence[str] = ()) -> list[Path]:
 
 
 @contextmanager
-def reported(path: Path | None, asked: Asked) -> Iterator[None]:
+def reported(path: Path | None, asked: TypedCommand) -> Iterator[None]:
     """Write the report of a refused calibration, and note the next command, before the error is raised further."""
     from posefuse.calibration.report import RefusedCalibration
 
