@@ -27,7 +27,7 @@ from .kinds import Charuco, board_picture
 _MARGIN = 0.6
 _MOST_PIXELS = 3000
 # pixels along the edges of a marker of more than that: so far from an edge on both sides, in px or in spreads of the blur
-_EDGE_PIXELS, _EDGE_PX, _EDGE_SPREADS, _EDGE_ACROSS = 6000, 3.0, 2.5, 9
+_EDGE_PIXELS, _EDGE_PX, _EDGE_SPREADS, _EDGE_ACROSS = 3000, 3.0, 2.5, 9
 # the first rounds look at every third pixel
 _ROUGH_ROUNDS, _ROUGH_STEP, _ROUNDS, _SETTLED_PX = 3, 3, 10, 0.02
 _FIRST_BLUR, _LEAST_BLUR, _MOST_BLUR = 0.3, 0.02, 0.8
