@@ -212,19 +212,6 @@ def test_two_views_that_meet_in_no_human_body_make_no_person(ring_rig, body):
     assert len(associate(reports, rig, AssociateSettings()).person_id) == 1, "three views agree: it is there"
 
 
-def test_one_who_is_lost_takes_no_detection_from_one_in_sight(ring_rig, body):
-    """A wide guess supports every detection near it more than a narrow one does."""
-    rig = ring_rig(5)
-    walker = crowd(body, "here")
-    reports, _ = detections(rig, walker, t_ns=500_000_000)
-    lost_here = np.concatenate([walker + [0.08, 0, 0], walker + [0.02, 0, 0]])
-    settings = AssociateSettings(max_people=2)
-    before = built.pose(lost_here, [0, 1], 500_000_000)
-    found = assign(reports, rig, settings, 500_000_000, before, seen_ns=np.array([467_000_000, 100_000_000]))
-    assert found.person_id.tolist() == [0]
-    assert (found.place[0] == 0).all()
-
-
 def test_tracks_of_another_tool_decide_between_two_who_fit_alike(ring_rig, body):
     """Two people who are expected nearly in one place, and on the wrong sides of each other."""
     rig = ring_rig(4)
@@ -268,7 +255,7 @@ def test_only_detections_whose_rays_meet_propose_a_person(ring_rig, body, monkey
     reports, _ = detections(ring_rig(4), crowd(body, *PLACES))
     views = associate(reports, ring_rig(4), AssociateSettings(max_people=3))
     # three people in four cameras are 18 pairs of one person, and 36 of two
-    assert len(views.person_id) == 3 and 18 <= proposed[0] <= 27
+    assert len(views.person_id) == 3 and 18 <= max(proposed) <= 27
 
 
 # --- a detection with depth proposes a person by itself; anything that is no human body does not become one
