@@ -15,8 +15,6 @@ _FADE_S = 0.4
 _NEXT_FRAME_S = 0.12
 # the body's speed is averaged over this time
 _SPEED_S = 0.15
-# faster, a frame was wrong
-_FASTEST_M_S = 6.0
 
 
 def median_known(points: Array) -> Array:
@@ -61,7 +59,6 @@ class LastSeen:
         moved = (xyz_world - self.xyz_world) / step_s
         middle = median_known(moved)
         body = middle if np.isfinite(middle).all() else self.body_velocity_m_s
-        body = body * min(1.0, _FASTEST_M_S / max(float(np.linalg.norm(body)), 1e-9))
         weight = 1 - np.exp(-step_s / _SPEED_S)
         return LastSeen(
             person_id=self.person_id,
