@@ -225,7 +225,7 @@ def test_a_body_continues_at_its_speed_at_first_and_stops_within_a_step() -> Non
 
 
 def test_speeds_are_learnt_from_one_measurement_to_the_next() -> None:
-    """Of a body that walks and a wrist that swings; the speed of the body is averaged."""
+    """Of a body that walks and a wrist that swings; the speed of the body is averaged, one that no person has is bounded."""
     start = np.zeros((3, 3))
     last = LastSeen.first(0, 10**12, start)
     for step in range(1, 31):
@@ -233,3 +233,5 @@ def test_speeds_are_learnt_from_one_measurement_to_the_next() -> None:
         last = last.measured(10**12 + round(t_s * 1e9), start + t_s * np.stack([BODY_M_S, BODY_M_S, WRIST_M_S]))
     np.testing.assert_allclose(last.velocity_m_s, [BODY_M_S, BODY_M_S, WRIST_M_S], atol=1e-6)
     np.testing.assert_allclose(last.body_velocity_m_s, BODY_M_S, rtol=0.01)
+    jumped = last.measured(last.t_ns + 33_333_333, last.xyz_world + 5.0)
+    assert np.linalg.norm(jumped.body_velocity_m_s) < 6.0

@@ -118,13 +118,10 @@ def _followed(previous: Pose3D, seen_ns: Array | None, t_ns: int) -> list[_Known
 
 def _found_again(candidates: Candidates, members: Array, lost: list[_Known], settings: AssociateSettings) -> _Known | None:
     """The nearest of the people out of sight who can have moved here; None if the distance is too large for all."""
-    if not lost:
-        return None
     pose = joint_points(candidates, members, settings.tolerance_m)
-    distances = [median_apart(pose, one.xyz_world) for one in lost]
-    nearest = int(np.argmin(distances))
-    reach = max(_reach_m(lost[nearest].age_s, settings), 4 * settings.tolerance_m)
-    return lost[nearest] if distances[nearest] <= reach else None
+    apart_m = {one.person_id: median_apart(pose, one.xyz_world) for one in lost}
+    can_be = [one for one in lost if apart_m[one.person_id] <= max(_reach_m(one.age_s, settings), 4 * settings.tolerance_m)]
+    return min(can_be, key=lambda one: apart_m[one.person_id], default=None)
 
 
 def _reach_m(age_s: float, settings: AssociateSettings) -> float:
@@ -204,10 +201,8 @@ def hints_after(hints: Hints, assignment: Assignment, detections: Sequence[Detec
 
 def hint_weights(candidates: Candidates, detections: Sequence[Detections2D], people: Sequence[int], hints: Hints) -> Array:
     """(N, D) the support that each detection gives to each of `people`, changed by another tool's tracks."""
-    tracks = [
-        (detections[c].camera, int(detections[c].track_id[place]))
-        for c, place in zip(candidates.camera, candidates.place, strict=True)
-    ]
+    places = zip(candidates.camera, candidates.place, strict=True)
+    tracks = [(detections[c].camera, int(detections[c].track_id[place])) for c, place in places]
     hinted = np.array([hints.get(track, NO_TRACK) for track in tracks])
     return np.where(np.reshape(people, (-1, 1)) == hinted, _HINT_WEIGHT, 1.0)
 
@@ -254,23 +249,16 @@ def _proposals(candidates: Candidates, free: Array, settings: AssociateSettings)
 
     Two of different cameras propose where their rays meet; a single one with depth proposes itself.
     """
-    poses = _of_pairs(candidates, free, settings)
+    one, two = np.triu_indices(len(candidates), 1)
+    pairs = np.stack([one, two], axis=1)[(candidates.camera[one] != candidates.camera[two]) & free[one] & free[two]]
+    poses, gap = pair_midpoints(candidates, pairs)
+    near = (gap < 2 * settings.tolerance_m).sum(axis=1)
+    poses = poses[(near >= LEAST_POINTS) & (near >= settings.min_share * np.isfinite(gap).sum(axis=1))]
     views = np.full(len(poses), 2)
     if candidates.deep_world is None:
         return poses, views
     alone = candidates.deep_world[free & (np.isfinite(candidates.deep_world[..., 0]).sum(axis=1) >= LEAST_POINTS)]
     return np.concatenate([poses, alone]), np.concatenate([views, np.ones(len(alone), np.int64)])
-
-
-def _of_pairs(candidates: Candidates, free: Array, settings: AssociateSettings) -> Array:
-    """(H, K, 3) where the rays of free detections of two different cameras meet."""
-    one, two = np.triu_indices(len(candidates), 1)
-    pairs = np.stack([one, two], axis=1)[(candidates.camera[one] != candidates.camera[two]) & free[one] & free[two]]
-    poses, gap = pair_midpoints(candidates, pairs)
-    seen = np.isfinite(gap).sum(axis=1)
-    near = (gap < 2 * settings.tolerance_m).sum(axis=1)
-    keep = (near >= LEAST_POINTS) & (near >= settings.min_share * seen)
-    return np.asarray(poses[keep])
 
 
 def _most_convincing(total: Array, poses: Array, settings: AssociateSettings) -> int:
