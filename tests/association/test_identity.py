@@ -5,7 +5,7 @@ import pytest
 from built import pose, standing
 from scipy.stats import norm
 
-from posefuse.association import UNNAMED, Identity, identity, with_persons
+from posefuse.association import CLOTHING_TRAITS, UNNAMED, Identity, identity, with_persons
 from posefuse.association.memory import LastSeen
 from posefuse.association.traits import Traits, body_lengths_m, plausible_share, sameness
 from posefuse.core.skeleton import COCO17
@@ -32,7 +32,7 @@ class Room:
         for _ in range(count):
             xyz = np.array([self.bodies[p] + [x, 0, 0] for p, x in who.values()]).reshape(-1, len(COCO17), 3)
             xyz = xyz + self.rng.normal(0, NOISE_M, xyz.shape)
-            self.state = self.state.after(pose(xyz, list(who), self.i * PERIOD_NS))
+            self.state = self.state.after(pose(xyz, list(who), self.i * PERIOD_NS), np.full((len(who), CLOTHING_TRAITS), np.nan))
             self.i += 1
 
 
@@ -113,7 +113,7 @@ def test_a_frame_earlier_states_stay_as_they_were() -> None:
     assert list(before.tracks) == [0] and before.tracks[0].traits.frames.max() == 3
 
 
-def test_running_covariance_is_that_of_all_frames_and_pooling_changes_nothing() -> None:
+def test_running_variance_is_that_of_all_frames_and_pooling_changes_nothing() -> None:
     rng = np.random.default_rng(1)
     values = rng.normal(0.4, 0.02, (50, 7))
     one, two = Traits.unknown(7), Traits.unknown(7)
@@ -123,16 +123,17 @@ def test_running_covariance_is_that_of_all_frames_and_pooling_changes_nothing() 
         two = two.with_frame(row)
     both = one.pooled(two)
     np.testing.assert_allclose(both.mean, values.mean(axis=0))
-    np.testing.assert_allclose(both.scatter, 50 * np.cov(values.T, bias=True), atol=1e-12)
+    np.testing.assert_allclose(both.squares, 50 * values.var(axis=0), atol=1e-12)
 
 
 def test_sameness_grows_with_evidence_and_is_symmetric() -> None:
     rng = np.random.default_rng(2)
 
     def learnt(scale: float, frames: int) -> Traits:
-        traits = Traits.unknown(7)
+        traits, worn = Traits.unknown(7 + CLOTHING_TRAITS), np.full(CLOTHING_TRAITS, np.nan)
         for _ in range(frames):
-            traits = traits.with_frame(body_lengths_m(standing(size=scale)[None] + rng.normal(0, NOISE_M, (1, 17, 3)), COCO17)[0])
+            (lengths,) = body_lengths_m(standing(size=scale)[None] + rng.normal(0, NOISE_M, (1, 17, 3)), COCO17)
+            traits = traits.with_frame(np.concatenate([lengths, worn]))
         return traits
 
     known, same, other = learnt(1.0, 60), learnt(1.0, 60), learnt(0.9, 60)
@@ -149,7 +150,7 @@ def test_a_trait_counts_by_its_difference_in_errors_and_in_people() -> None:
     people = np.concatenate([0.08 * lengths_m, np.tile([22.0, 12.0, 16.0], 3)])
 
     def certain(values: np.ndarray) -> Traits:
-        return Traits(frames=np.full(16, 100.0), mean=values, scatter=np.zeros((16, 16)))
+        return Traits(frames=np.full(16, 100.0), mean=values, squares=np.zeros(16))
 
     for share in (0.0, 1.0, 2.0):
         # in standard deviations of the population
@@ -184,7 +185,7 @@ def test_a_trait_that_is_not_seen_for_a_frame_keeps_its_mean() -> None:
     traits = Traits.unknown(2).with_frame(values).with_frame(np.array([np.nan, 0.7]))
     np.testing.assert_allclose(traits.mean, [0.3, 0.6])
     np.testing.assert_array_equal(traits.frames, [1, 2])
-    np.testing.assert_allclose(traits.scatter, [[0, 0], [0, 0.02]], atol=1e-15)
+    np.testing.assert_allclose(traits.squares, [0, 0.02], atol=1e-15)
 
 
 def test_the_newest_decision_counts_for_every_track_and_time() -> None:

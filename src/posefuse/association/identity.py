@@ -13,6 +13,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from itertools import combinations
 
 import numpy as np
 from scipy.optimize import linear_sum_assignment
@@ -21,10 +22,11 @@ from posefuse.core import Pose3D
 from posefuse.core.arrays import Array
 
 from .memory import median_known
-from .traits import CLOTHING_TRAITS, Traits, body_lengths_m, plausible_share, sameness
+from .traits import Traits, body_lengths_m, plausible_share, sameness
 
 UNNAMED = -1
-# frames of a track that decide its identity among several people; fewer are enough above this log-likelihood ratio
+# frames of a track that decide its identity among several people; fewer are enough above this log-likelihood ratio: without it,
+# of three simulated people in their clothes who return within half a second, 93 % of the frames are named rightly, not all
 _NAMING_FRAMES, _SURE_FRAMES, _SURE_EVIDENCE = 8, 4, 4.0
 # tracks closer than this touch, and have parted beyond that: middles of bodies
 _TOUCH_M, _PARTED_M = 0.6, 0.75
@@ -83,32 +85,27 @@ class Identity:
         """Who the track is as far as is known now; `UNNAMED` before that is decided."""
         return self.tracks[track].person if track in self.tracks else UNNAMED
 
-    def after(self, pose: Pose3D, clothing: Array | None = None) -> Identity:
+    def after(self, pose: Pose3D, clothing: Array) -> Identity:
         """The state after a frame in which `pose` (person_id holds tracks) was measured.
 
         Args:
-            pose: of this frame. clothing: (N, 9) of its people, NaN where unknown, see `clothing.clothing_traits`; None: all
-                unknown.
+            pose: of this frame. clothing: (N, 9) of its people, NaN where unknown, see `traits.clothing_traits`.
         """
         found = np.any(np.isfinite(pose.xyz_world[..., 0]), axis=1)
         lengths = body_lengths_m(pose.xyz_world, pose.skeleton)
-        worn = np.full((len(found), CLOTHING_TRAITS), np.nan) if clothing is None else clothing
-        measured = np.concatenate([lengths, worn], axis=1)
-        middles = _middles(pose.xyz_world)
+        measured = np.concatenate([lengths, clothing], axis=1)
         state = self._without_ended(pose.t_ns)
         tracks = dict(state.tracks)
         for row in np.flatnonzero(found):
             number = int(pose.person_id[row])
             usable = plausible_share(lengths[row : row + 1])[0] > 0.5
-            tracks[number] = _seen(tracks.get(number), pose.t_ns, measured[row], middles[row], usable)
+            tracks[number] = _seen(tracks.get(number), pose.t_ns, measured[row], median_known(pose.xyz_world[row]), usable)
         state = replace(state, tracks=tracks)._touching(pose.t_ns, [int(pose.person_id[row]) for row in np.flatnonzero(found)])
         return state._swapped()._named()
 
     def _without_ended(self, t_ns: int) -> Identity:
         """What ended tracks taught stays with their people."""
         ended = {n: one for n, one in self.tracks.items() if (t_ns - one.seen_ns) * 1e-9 > self.lost_after_s}
-        if not ended:
-            return self
         people, left_ns = dict(self.people), dict(self.left_ns)
         for one in ended.values():
             left_ns[one.person] = one.seen_ns
@@ -120,28 +117,26 @@ class Identity:
     def _touching(self, t_ns: int, now: list[int]) -> Identity:
         """Note which tracks touch: what they had learnt goes to their people, and learning starts again."""
         tracks, people = dict(self.tracks), dict(self.people)
-        for place, a in enumerate(now):
-            for b in now[place + 1 :]:
-                apart_m = float(np.linalg.norm(tracks[a].middle - tracks[b].middle))
-                if apart_m > _PARTED_M or (apart_m > _TOUCH_M and b not in tracks[a].touched):
-                    continue
-                for one, other in ((a, b), (b, a)):
-                    track = tracks[one]
-                    if track.person != UNNAMED and not track.touched:
-                        people[track.person] = people[track.person].pooled(track.traits)
-                    nearest = min(track.touched.get(other, (t_ns, np.inf)), (t_ns, apart_m), key=lambda pair: pair[1])
-                    tracks[one] = replace(
-                        track, traits=Traits.unknown(len(track.traits.mean)), touched={**track.touched, other: nearest}
-                    )
+        for a, b in combinations(now, 2):
+            apart_m = float(np.linalg.norm(tracks[a].middle - tracks[b].middle))
+            if apart_m > _PARTED_M or (apart_m > _TOUCH_M and b not in tracks[a].touched):
+                continue
+            for one, other in ((a, b), (b, a)):
+                track = tracks[one]
+                if track.person != UNNAMED and not track.touched:
+                    people[track.person] = people[track.person].pooled(track.traits)
+                nearest = min(track.touched.get(other, (t_ns, np.inf)), (t_ns, apart_m), key=lambda pair: pair[1])
+                tracks[one] = replace(
+                    track, traits=Traits.unknown(len(track.traits.mean)), touched={**track.touched, other: nearest}
+                )
         return replace(self, tracks=tracks, people=people)
 
     def _swapped(self) -> Identity:
         """Swap the identities of two tracks that touched where measurements since then support it."""
         state = self
-        for a in sorted(self.tracks):
-            for b in sorted(self.tracks[a].touched):
-                if a < b and b in state.tracks and b in state.tracks[a].touched:
-                    state = state._decided(a, b)
+        for a, b in combinations(sorted(self.tracks), 2):
+            if b in state.tracks[a].touched:
+                state = state._decided(a, b)
         return state
 
     def _decided(self, a: int, b: int) -> Identity:
@@ -172,7 +167,8 @@ class Identity:
             return self
         held = {one.person for one in self.tracks.values()}
         absent = [person for person in sorted(self.people) if person not in held]
-        strangers = [person for person in _unused(self.people) if person < self.people_max][: len(unnamed)]
+        unused = max(self.people, default=-1) + 1
+        strangers = list(range(unused, min(unused + len(unnamed), self.people_max)))
         options = absent + strangers
         sure = not absent or (len(options) == 1 and len(unnamed) == 1)
         likely = self._likely(unnamed, options, len(absent))
@@ -183,11 +179,8 @@ class Identity:
 
     def _likely(self, tracks: list[int], options: list[int], known: int) -> Array:
         """(tracks, options) log-likelihood ratios; 0 for strangers, which follow the first `known` options."""
-        likely = np.zeros((len(tracks), len(options)))
-        for row, number in enumerate(tracks):
-            for column, person in enumerate(options[:known]):
-                likely[row, column] = sameness(self.tracks[number].traits, self.people[person])
-        return likely
+        unlike = [0.0] * (len(options) - known)
+        return np.array([[sameness(self.tracks[n].traits, self.people[one]) for one in options[:known]] + unlike for n in tracks])
 
     def _can_be_named(self, number: int, likely: Array) -> bool:
         frames = self.tracks[number].traits.frames.max(initial=0)
@@ -225,18 +218,8 @@ def with_persons(pose: Pose3D, persons: Sequence[int]) -> Pose3D:
     return replace(people, person_id=np.array([persons[row] for row in rows], np.int64))
 
 
-def _unused(people: Mapping[int, Traits]) -> range:
-    first = max(people, default=-1) + 1
-    return range(first, first + 64)
-
-
 def _seen(track: Track | None, t_ns: int, traits: Array, middle: Array, usable: bool) -> Track:
     if track is None:
         track = Track(person=UNNAMED, begin_ns=t_ns, seen_ns=t_ns, traits=Traits.unknown(len(traits)), middle=middle)
     learnt = track.traits.with_frame(traits) if usable else track.traits
     return replace(track, seen_ns=t_ns, traits=learnt, middle=np.where(np.isfinite(middle), middle, track.middle))
-
-
-def _middles(xyz_world: Array) -> Array:
-    """(N, 3) median of the keypoints that are known."""
-    return np.array([median_known(xyz) for xyz in xyz_world]).reshape(-1, 3)

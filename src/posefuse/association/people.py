@@ -30,13 +30,6 @@ from .candidates import (
 from .settings import AssociateSettings
 from .traits import body_lengths_m, plausible_share
 
-# chosen, not fitted: a single view without depth must fit in more keypoints than `AssociateSettings.min_share`, since no other
-# view contradicts it
-_ALONE_SHARE = 0.7
-# measured so shortly before the newest, a person is in sight; the place of one out of sight is a guess, which counts less.
-# Chosen, not fitted: without it a wide guess takes the detection of a person in sight
-_IN_SIGHT_S, _GUESS_WEIGHT = 0.02, 0.5
-
 
 def associate(detections: Sequence[Detections2D], rig: Rig, settings: AssociateSettings, previous: Pose3D | None = None) -> Views:
     """The people in every camera: `assign` at the time of the newest detection, and the resulting views."""
@@ -125,13 +118,10 @@ def _followed(previous: Pose3D, seen_ns: Array | None, t_ns: int) -> list[_Known
 
 def _found_again(candidates: Candidates, members: Array, lost: list[_Known], settings: AssociateSettings) -> _Known | None:
     """The nearest of the people out of sight who can have moved here; None if the distance is too large for all."""
-    if not lost:
-        return None
     pose = joint_points(candidates, members, settings.tolerance_m)
-    distances = [median_apart(pose, one.xyz_world) for one in lost]
-    nearest = int(np.argmin(distances))
-    reach = max(_reach_m(lost[nearest].age_s, settings), 4 * settings.tolerance_m)
-    return lost[nearest] if distances[nearest] <= reach else None
+    apart_m = {one.person_id: median_apart(pose, one.xyz_world) for one in lost}
+    can_be = [one for one in lost if apart_m[one.person_id] <= max(_reach_m(one.age_s, settings), 4 * settings.tolerance_m)]
+    return min(can_be, key=lambda one: apart_m[one.person_id], default=None)
 
 
 def _reach_m(age_s: float, settings: AssociateSettings) -> float:
@@ -151,48 +141,38 @@ def _check(detections: Sequence[Detections2D], rig: Rig) -> None:
 def _follow(
     candidates: Candidates, free: Array, followed: list[_Known], hinted: Array, settings: AssociateSettings
 ) -> dict[int, Array]:
-    """The detections of each followed person, the best supported person first; marks them taken."""
+    """The detections of each followed person; marks them taken."""
     found: dict[int, Array] = {}
-    if not followed or not len(candidates):
-        return found
     reach = np.array([min(_reach_m(one.age_s, settings), 4 * settings.tolerance_m) for one in followed])
-    expected = np.stack([one.xyz_world for one in followed])
+    expected = np.array([one.xyz_world for one in followed]).reshape(-1, len(candidates.mirror), 3)
     _, share = agreement(candidates, expected, reach)
-    # how closely it fits decides between people; within reach it only can be one of them
+    # how closely it fits decides between people; within reach it only can be one of them (by the same reach, IDF1 of rendered
+    # people who cross and hug falls from 0.902 to 0.880)
     support, _ = agreement(candidates, expected, settings.tolerance_m)
-    newest_s = min(one.age_s for one in followed)
-    weight = np.array([1.0 if one.age_s <= newest_s + _IN_SIGHT_S else _GUESS_WEIGHT for one in followed])
-    support = np.where(share >= settings.min_share, support * weight[:, None] * hinted, 0.0)
+    support = np.where(share >= settings.min_share, support * hinted, 0.0)
     mine = _one_each(candidates.camera, np.where(free, support, 0.0))
-    for row in np.argsort(-support.sum(axis=1), kind="stable"):
-        open_to = mine[row] & free
-        members = best_per_camera(candidates, np.where(open_to, support[row], 0.0))
-        members, pose = refined_members(candidates, members, open_to, settings)
-        if len(members) and _is_near(candidates, members, pose, followed[row].xyz_world, reach[row], settings):
-            found[followed[row].person_id] = members
+    for row, person in enumerate(followed):
+        members = best_per_camera(candidates, np.where(mine[row], support[row], 0.0))
+        members, pose = refined_members(candidates, members, mine[row], settings)
+        # a single view without depth has no distance; a bystander in front of the others in one view is too far away
+        no_distance = len(members) == 1 and not np.isfinite(pose).any()
+        if no_distance or median_apart(pose, person.xyz_world) <= reach[row]:
+            found[person.person_id] = members
             free[members] = False
     return found
 
 
 def _one_each(camera: Array, support: Array) -> Array:
-    """(N, D) bool: of each camera's detections, each person has one at most, so that the support (N, D) of all is greatest."""
+    """(N, D) bool: of each camera's detections, each person has one at most, so that the support (N, D) of all is greatest.
+
+    With each camera's best for everybody, IDF1 of rendered people who cross and hug falls from 0.902 to 0.867.
+    """
     mine = np.zeros(support.shape, np.bool_)
     for c in np.unique(camera):
         places = np.flatnonzero(camera == c)
         rows, columns = linear_sum_assignment(-support[:, places])
         mine[rows, places[columns]] = support[rows, places[columns]] > 0
     return mine
-
-
-def _is_near(
-    candidates: Candidates, members: Array, pose: Array, before: Array, reach_m: float, settings: AssociateSettings
-) -> bool:
-    """Whether the members' pose is where the person can be: a bystander in front of them in one view is not."""
-    if len(members) == 1 and not np.isfinite(pose[:, 0]).any():
-        # one view without depth has no distance: it must fit the previous pose closely, size included
-        _, share = agreement(candidates, before[None], settings.tolerance_m)
-        return bool(share[0, members[0]] >= _ALONE_SHARE)
-    return median_apart(pose, before) <= reach_m
 
 
 def _assignment(cameras: int, candidates: Candidates, found: dict[int, Array]) -> Assignment:
@@ -221,29 +201,19 @@ def hints_after(hints: Hints, assignment: Assignment, detections: Sequence[Detec
 
 def hint_weights(candidates: Candidates, detections: Sequence[Detections2D], people: Sequence[int], hints: Hints) -> Array:
     """(N, D) the support that each detection gives to each of `people`, changed by another tool's tracks."""
-    factor = np.ones((len(people), len(candidates)))
-    if not hints:
-        return factor
-    rows = {person: row for row, person in enumerate(people)}
-    for d, (c, place) in enumerate(zip(candidates.camera, candidates.place, strict=True)):
-        row = rows.get(hints.get((detections[c].camera, int(detections[c].track_id[place])), NO_TRACK))
-        if row is not None:
-            factor[row, d] = _HINT_WEIGHT
-    return factor
+    places = zip(candidates.camera, candidates.place, strict=True)
+    tracks = [(detections[c].camera, int(detections[c].track_id[place])) for c, place in places]
+    hinted = np.array([hints.get(track, NO_TRACK) for track in tracks])
+    return np.where(np.reshape(people, (-1, 1)) == hinted, _HINT_WEIGHT, 1.0)
 
 
 def newcomers(candidates: Candidates, free: Array, count: int, skeleton: Skeleton, settings: AssociateSettings) -> list[Array]:
     """Members of up to `count` people no one follows yet, the most convincing first."""
     people: list[Array] = []
-    if count == 0:
-        return people
     poses, views = _proposals(candidates, free, settings)
-    if not len(poses):
-        return people
-    support, share = agreement(candidates, poses, settings.tolerance_m)
-    support = np.where(share >= settings.min_share, support, 0.0) * free
+    support = agreement(candidates, poses, settings.tolerance_m)[0] * free
     total = _support_of_all(candidates, support)
-    while len(people) < count and total.max() > 0:
+    while len(people) < count and total.max(initial=0.0) > 0:
         best = _most_convincing(total, poses, settings)
         members, pose = refined_members(candidates, best_per_camera(candidates, support[best]), free, settings)
         support[best], total[best] = 0.0, 0.0
@@ -268,12 +238,10 @@ def _is_a_body(members: Array, pose: Array, skeleton: Skeleton, settings: Associ
 
     The rays of two different people in two views meet in anything, and depth may be that of anything.
     """
-    if len(members) > 2:
-        return True
     lengths = body_lengths_m(pose[None], skeleton)
-    if len(members) == 1 and not np.isfinite(lengths).any():
-        return False
-    return not np.isfinite(lengths).any() or bool(plausible_share(lengths)[0] >= settings.plausible_share)
+    if len(members) > 2 or not np.isfinite(lengths).any():
+        return len(members) > 1
+    return bool(plausible_share(lengths)[0] >= settings.plausible_share)
 
 
 def _proposals(candidates: Candidates, free: Array, settings: AssociateSettings) -> tuple[Array, Array]:
@@ -281,25 +249,16 @@ def _proposals(candidates: Candidates, free: Array, settings: AssociateSettings)
 
     Two of different cameras propose where their rays meet; a single one with depth proposes itself.
     """
-    poses = _of_pairs(candidates, free, settings)
+    one, two = np.triu_indices(len(candidates), 1)
+    pairs = np.stack([one, two], axis=1)[(candidates.camera[one] != candidates.camera[two]) & free[one] & free[two]]
+    poses, gap = pair_midpoints(candidates, pairs)
+    near = (gap < 2 * settings.tolerance_m).sum(axis=1)
+    poses = poses[(near >= LEAST_POINTS) & (near >= settings.min_share * np.isfinite(gap).sum(axis=1))]
     views = np.full(len(poses), 2)
     if candidates.deep_world is None:
         return poses, views
     alone = candidates.deep_world[free & (np.isfinite(candidates.deep_world[..., 0]).sum(axis=1) >= LEAST_POINTS)]
     return np.concatenate([poses, alone]), np.concatenate([views, np.ones(len(alone), np.int64)])
-
-
-def _of_pairs(candidates: Candidates, free: Array, settings: AssociateSettings) -> Array:
-    """(H, K, 3) where the rays of free detections of two different cameras meet."""
-    one, two = np.triu_indices(len(candidates), 1)
-    pairs = np.stack([one, two], axis=1)[(candidates.camera[one] != candidates.camera[two]) & free[one] & free[two]]
-    if not len(pairs):
-        return np.zeros((0, candidates.score.shape[1], 3))
-    poses, gap = pair_midpoints(candidates, pairs)
-    seen = np.isfinite(gap).sum(axis=1)
-    near = (gap < 2 * settings.tolerance_m).sum(axis=1)
-    keep = (near >= LEAST_POINTS) & (near >= settings.min_share * seen)
-    return np.asarray(poses[keep])
 
 
 def _most_convincing(total: Array, poses: Array, settings: AssociateSettings) -> int:

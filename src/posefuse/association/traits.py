@@ -25,11 +25,11 @@ _SPANS += [[(f"left_{name}", f"right_{name}")] * len(SIDES) for name in ("should
 _ENDS = tuple(zip(*(ends for sides in _SPANS for ends in sides), strict=True))
 # adults of one population: standard deviation of a length as a share of it
 _POPULATION_SHARE = 0.08
-# change of a measured length with cameras and poses: the part of the bundled network's errors that does not average out
-_LASTING_M = 0.010
-# clothes: standard deviations of L*, a*, b* among people, and those due to light, camera and side of the body
-_POPULATION_LAB = np.array([22.0, 12.0, 16.0])
-_LASTING_LAB = np.array([7.0, 4.0, 4.0])
+# clothes of trunk, thighs and shanks: standard deviations of L*, a*, b* among people
+_POPULATION_LAB = (22.0, 12.0, 16.0) * 3
+# standard deviations of errors that do not average out: those of the bundled network in a length (m), which change with cameras
+# and poses, and those of clothes due to light, camera and side of the body
+_LASTING = np.array((0.010,) * LENGTHS + (7.0, 4.0, 4.0) * 3)
 # a cue is wrong for this share of people: hidden behind another person all the time, a jacket taken off, a bad pose
 _WRONG_CUE = 0.03
 # what is learnt and compared as one cue: lengths of the body, clothes of trunk, thighs and shanks
@@ -60,20 +60,20 @@ def plausible_share(lengths_m: Array) -> Array:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Traits:
-    """Running mean and covariance of D traits.
+    """Running mean and variance of D traits.
 
     Attributes:
-        frames: (D,) in how many frames each was known. mean: (D,). scatter: (D, D) sum of products of deviations.
+        frames: (D,) in how many frames each was known. mean: (D,). squares: (D,) sum of squared deviations.
     """
 
     frames: Array
     mean: Array
-    scatter: Array
+    squares: Array
 
     @staticmethod
     def unknown(size: int) -> Traits:
         """Nothing known yet."""
-        return Traits(frames=np.zeros(size), mean=np.zeros(size), scatter=np.zeros((size, size)))
+        return Traits(frames=np.zeros(size), mean=np.zeros(size), squares=np.zeros(size))
 
     def with_frame(self, values: Array) -> Traits:
         """After one more measurement (D,)."""
@@ -82,7 +82,7 @@ class Traits:
         before = np.where(known, values - self.mean, 0.0)
         mean = self.mean + before / np.maximum(frames, 1)
         after = np.where(known, values - mean, 0.0)
-        return Traits(frames=frames, mean=mean, scatter=self.scatter + np.outer(before, after))
+        return Traits(frames=frames, mean=mean, squares=self.squares + before * after)
 
     def pooled(self, other: Traits) -> Traits:
         """Of both together."""
@@ -90,50 +90,29 @@ class Traits:
         apart = np.where((self.frames > 0) & (other.frames > 0), other.mean - self.mean, 0.0)
         mean = (self.frames * self.mean + other.frames * other.mean) / np.maximum(frames, 1)
         shared = self.frames * other.frames / np.maximum(frames, 1)
-        weight = np.sqrt(np.outer(shared, shared))
-        return Traits(frames=frames, mean=mean, scatter=self.scatter + other.scatter + weight * np.outer(apart, apart))
+        return Traits(frames=frames, mean=mean, squares=self.squares + other.squares + shared * apart**2)
 
     def of_mean(self) -> Array:
-        """(D, D) covariance of the mean, with errors that last."""
-        frames = np.maximum(self.frames, 1)
-        each = self.scatter / np.sqrt(np.outer(frames, frames))
-        independent = np.maximum(np.sqrt(np.outer(frames, frames)) / _LASTING_FRAMES, 1.0)
-        return np.asarray((each + each.T) / 2 / independent)
+        """(D,) variance of the mean, with errors that last."""
+        each = self.squares / np.maximum(self.frames, 1)
+        return np.asarray(each / np.maximum(self.frames / _LASTING_FRAMES, 1))
 
 
 def sameness(one: Traits, other: Traits) -> float:
-    """Log-likelihood ratio: one person measured twice, against two people drawn from the population. 0 is neutral.
+    """Log-likelihood ratio: one person measured twice (D = 16), against two people drawn from the population. 0 is neutral.
 
     Each cue (lengths, clothes of trunk, thighs, shanks) is bounded separately, so that no single cue decides.
     """
     known = (one.frames >= _LEAST_FRAMES) & (other.frames >= _LEAST_FRAMES)
-    if not known.any():
-        return 0.0
-    apart = one.mean - other.mean
-    measured = one.of_mean() + other.of_mean()
-    lasting, population = _variances((one.mean + other.mean) / 2)
-    total = 0.0
-    for cue in _CUES:
-        among = np.flatnonzero(known[cue]) + cue.start
-        if len(among):
-            same = measured[np.ix_(among, among)] + 2 * np.diag(lasting[among])
-            two = same + 2 * np.diag(population[among])
-            ratio = _log_density(apart[among], same) - _log_density(apart[among], two)
-            total += float(np.logaddexp(np.log1p(-_WRONG_CUE) + ratio, np.log(_WRONG_CUE)))
-    return total
-
-
-def _variances(mean: Array) -> tuple[Array, Array]:
-    """(D,) variance of lasting errors of each trait, and of the population, for traits of this size (D,)."""
-    clothes = (len(mean) - LENGTHS) // len(_LASTING_LAB)
-    lasting = np.concatenate([np.full(LENGTHS, _LASTING_M), np.tile(_LASTING_LAB, clothes)])
-    population = np.concatenate([_POPULATION_SHARE * np.maximum(np.abs(mean[:LENGTHS]), 1e-3), np.tile(_POPULATION_LAB, clothes)])
-    return lasting**2, population**2
-
-
-def _log_density(apart: Array, cov: Array) -> float:
-    _, log_det = np.linalg.slogdet(cov)
-    return float(-0.5 * (apart @ np.linalg.solve(cov, apart) + log_det))
+    lengths_m = np.maximum((one.mean + other.mean)[:LENGTHS] / 2, 1e-3)
+    same = one.of_mean() + other.of_mean() + 2 * _LASTING**2
+    two = same + 2 * np.concatenate([_POPULATION_SHARE * lengths_m, _POPULATION_LAB]) ** 2
+    square = (one.mean - other.mean) ** 2
+    # of two normal densities
+    ratio = np.where(known, (square / two - square / same + np.log(two / same)) / 2, 0.0)
+    return float(
+        sum(np.logaddexp(np.log1p(-_WRONG_CUE) + ratio[cue].sum(), np.log(_WRONG_CUE)) for cue in _CUES if known[cue].any())
+    )
 
 
 # numbers that describe the clothes of a person: L*, a* and b* of trunk, thighs and shanks
