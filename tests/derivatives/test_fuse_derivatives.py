@@ -4,8 +4,8 @@ from built import camera
 
 from posefuse.core import SE3, Rig
 from posefuse.core.lens import slopes
+from posefuse.core.rig import packed_rig
 from posefuse.fusion.kernels import point
-from posefuse.fusion.kernels.cameras import packed_rig
 from posefuse.fusion.triangulation import whitened
 
 K = np.array([[700.0, 3.0, 320.0], [0, 690.0, 240.0], [0, 0, 1]])

@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from typing import Self
 
 import numpy as np
@@ -108,3 +109,12 @@ class Rig:
         """The same cameras described in another world frame."""
         back = new_from_old.inverse()
         return replace(self, cameras=tuple(replace(c, cam_from_world=c.cam_from_world @ back) for c in self.cameras))
+
+
+@lru_cache(maxsize=32)
+def packed_rig(rig: Rig) -> Array:
+    """(C, 15) float64, as kernels read cameras; the same array for the same rig, so do not write to it.
+
+    Rotation and translation of `cam_from_world` row by row (12 columns), then the optical centre in the world.
+    """
+    return np.stack([np.append(c.cam_from_world.matrix4()[:3], c.centre_world) for c in rig])

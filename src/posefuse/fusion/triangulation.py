@@ -18,6 +18,7 @@ from posefuse.core.arrays import Array
 from posefuse.core.depth import keypoint_depth
 from posefuse.core.errors import choices
 from posefuse.core.lens import padded, slopes
+from posefuse.core.rig import packed_rig
 from posefuse.core.skeleton import LIMB_ENDS, SIDES, pick_keypoints
 
 from .settings import WEIGHTS, FuseSettings, Weights
@@ -241,7 +242,7 @@ def solve_robust(
     rig: Rig, xy_img: Array, score: Array, sigma: Array, settings: FuseSettings, depth_of: DepthOf | None = None
 ) -> Triangulated:
     """Robust fusion of groups (G, C, K, ...). Points that have a rival are missing: nothing decides which of the two is right."""
-    from .kernels import cameras, robust
+    from .kernels import robust
 
     ideal, white = whitened(rig, xy_img, np.where((score >= settings.score_min) & (score > 0), sigma, np.nan))
     depth = None if depth_of is None else np.array(depth_of(ideal), order="C")
@@ -249,7 +250,7 @@ def solve_robust(
     depth = depth if depth is not None and np.isfinite(depth).all(axis=-1).any() else None
     points = (len(ideal), ideal.shape[2], 3)
     xyz, cov, used = np.empty(points), np.empty((*points, 3)), np.empty(sigma.shape, np.bool_)
-    robust.solve_robust(cameras.packed_rig(rig), ideal, white, xyz, cov, used, depth)
+    robust.solve_robust(packed_rig(rig), ideal, white, xyz, cov, used, depth)
     return _solved(rig, xy_img, xyz, cov, used)
 
 
@@ -282,11 +283,11 @@ def _lenses(rig: Rig) -> tuple[Array, Array, Array, Array, list[int]]:
 
 def _solved(rig: Rig, xy_img: Array, xyz: Array, cov: Array, used: Array) -> Triangulated:
     """Points with the distance in px from the views (G, C, K) that are used."""
-    from .kernels import cameras, lens
+    from .kernels import lens
 
     focal, _, centre, coefficients, others = _lenses(rig)
     px = np.empty(xy_img.shape)
-    lens.project(cameras.packed_rig(rig), focal, centre, coefficients, xyz, px)
+    lens.project(packed_rig(rig), focal, centre, coefficients, xyz, px)
     for c in others:
         px[:, c] = rig.cameras[c].project(xyz)
     off_px = px - xy_img
@@ -302,7 +303,6 @@ def solve_weighted(rig: Rig, xy_img: Array, sigma: Array, weight: Array) -> Tria
     Its rows are (u m3 - m1), (v m3 - m2) in undistorted px. The covariance is propagated from the pixel noise. The sum of
     squared whitened residuals is expected to be 2n - 3 for the best weights, more for others.
     """
-    from .kernels.cameras import packed_rig
     from .kernels.robust import inflate
 
     ideal, white = whitened(rig, xy_img, sigma)

@@ -1,1 +1,1 @@
-"""The compiled mathematics of fusion. Cameras come as rows of `cameras.packed_rig`, views without their lenses."""
+"""The compiled mathematics of fusion. Cameras come as rows of `core.rig.packed_rig`, views without their lenses."""

@@ -10,6 +10,7 @@ import numpy as np
 
 from posefuse.core import Kind, Rig, Skeleton
 from posefuse.core.arrays import Array
+from posefuse.core.rig import packed_rig
 from posefuse.tracking.settings import MOTION, LiveMotion, LiveSettings
 
 from .kernels.pose import PoseRow, pose, where
@@ -46,9 +47,7 @@ class Model:
         values = {**vars(self.motion), "lost_after_s": self.settings.lost_after_s}
         banks = (self.motion.keypoints, self.motion.body)
         return SessionArrays(
-            cameras=np.stack(
-                [np.concatenate([c.cam_from_world.matrix().ravel(), c.cam_from_world.xyz, c.centre_world]) for c in self.rig]
-            ),
+            cameras=packed_rig(self.rig),
             mirror=self.skeleton.mirror,
             group=_groups(self.skeleton),
             neighbours=_neighbours(self.skeleton),

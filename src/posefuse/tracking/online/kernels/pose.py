@@ -130,7 +130,7 @@ def _add_lasting(person, i, known, mean, session, spread):
         for a in range(3):
             for d in range(3):
                 across = (1.0 if a == d else 0.0) - (mean[a] - cameras[c, 12 + a]) * (mean[d] - cameras[c, 12 + d]) / d2
-                information[a, d] += w * across + deepness[c] * cameras[c, 6 + a] * cameras[c, 6 + d]
+                information[a, d] += w * across + deepness[c] * cameras[c, 8 + a] * cameras[c, 8 + d]
     inverse3(information, inverse)
     for a in range(3):
         for d in range(3):

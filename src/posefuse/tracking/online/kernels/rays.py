@@ -14,16 +14,16 @@ from .state import GROUPS
 @kernel()
 def ray(camera, point, white, z, rows, error):
     """Error (2,) of an ideal point z from a world point and its slope rows (2, 3), in units of noise; False behind the camera."""
-    X = camera[0] * point[0] + camera[1] * point[1] + camera[2] * point[2] + camera[9]
-    Y = camera[3] * point[0] + camera[4] * point[1] + camera[5] * point[2] + camera[10]
-    Z = camera[6] * point[0] + camera[7] * point[1] + camera[8] * point[2] + camera[11]
+    X = camera[0] * point[0] + camera[1] * point[1] + camera[2] * point[2] + camera[3]
+    Y = camera[4] * point[0] + camera[5] * point[1] + camera[6] * point[2] + camera[7]
+    Z = camera[8] * point[0] + camera[9] * point[1] + camera[10] * point[2] + camera[11]
     if not Z > 0.05:
         return False
     x, y = X / Z, Y / Z
     for i in range(2):
         error[i] = white[i, 0] * (z[0] - x) + white[i, 1] * (z[1] - y)
     for a in range(3):
-        along_x, along_y = (camera[a] - x * camera[6 + a]) / Z, (camera[3 + a] - y * camera[6 + a]) / Z
+        along_x, along_y = (camera[a] - x * camera[8 + a]) / Z, (camera[4 + a] - y * camera[8 + a]) / Z
         for i in range(2):
             rows[i, a] = white[i, 0] * along_x + white[i, 1] * along_y
     return True
@@ -49,8 +49,8 @@ def depth_row(camera, point, measured, row):
     """One measured depth (2,), m and its sigma, as a row (3,) in units of its noise; returns its error from a world point."""
     z, certain = camera[11], 1.0 / measured[1]
     for a in range(3):
-        z += camera[6 + a] * point[a]
-        row[a] = camera[6 + a] * certain
+        z += camera[8 + a] * point[a]
+        row[a] = camera[8 + a] * certain
     return (measured[0] - z) * certain
 
 
@@ -105,12 +105,12 @@ def person_agreement(camera, means, sigmas, z, mirror, tolerance_m, support, sha
                 o = mirror[i] if turn == 1 else i
                 if not (math.isfinite(means[i, 0]) and math.isfinite(z[p, o, 0])):
                     continue
-                depth = camera[6] * means[i, 0] + camera[7] * means[i, 1] + camera[8] * means[i, 2] + camera[11]
+                depth = camera[8] * means[i, 0] + camera[9] * means[i, 1] + camera[10] * means[i, 2] + camera[11]
                 if not depth > 0.05:
                     continue
                 both += 1
-                mx = camera[0] * means[i, 0] + camera[1] * means[i, 1] + camera[2] * means[i, 2] + camera[9]
-                my = camera[3] * means[i, 0] + camera[4] * means[i, 1] + camera[5] * means[i, 2] + camera[10]
+                mx = camera[0] * means[i, 0] + camera[1] * means[i, 1] + camera[2] * means[i, 2] + camera[3]
+                my = camera[4] * means[i, 0] + camera[5] * means[i, 1] + camera[6] * means[i, 2] + camera[7]
                 miss2 = (mx - z[p, o, 0] * depth) ** 2 + (my - z[p, o, 1] * depth) ** 2
                 reach = tolerance_m + 2.0 * min(sigmas[i], tolerance_m)
                 if miss2 < reach * reach:

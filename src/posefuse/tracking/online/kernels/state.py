@@ -29,7 +29,7 @@ class Rules(NamedTuple):
 class SessionArrays(NamedTuple):
     """What is the same for all people and views: K keypoints, M motion models, C cameras, B bones.
 
-    cameras: (C, 15) rotation, translation, centre. mirror: (K,) counterparts. group: (K,) the limbs a keypoint is swapped with,
+    cameras: (C, 15) of `core.rig.packed_rig`. mirror: (K,) counterparts. group: (K,) the limbs a keypoint is swapped with,
     -1 on the midline. neighbours: (K, n) keypoints at the other ends of its bones, -1 for none. ends: (B, 2) bones.
     models: (2, M, 2) acceleration of keypoints and of the body, and how long it lasts.
     """
@@ -260,20 +260,12 @@ def position(x, cov, share, f, q, mean, spread):
                     for v in range(3):
                         total += f[j, 0, u] * cov[j, 3 * u + a, 3 * v + d] * f[j, 0, v]
                 s[j, a, d] = total + (q[j, 0, 0] if a == d else 0.0)
-    mean[:] = 0.0
-    spread[:] = 0.0
-    for j in range(m):
-        for a in range(3):
-            mean[a] += share[j] * p[j, a]
-    for j in range(m):
-        for a in range(3):
-            for d in range(3):
-                spread[a, d] += share[j] * (s[j, a, d] + (p[j, a] - mean[a]) * (p[j, d] - mean[d]))
+    combined(p, s, share, mean, spread)
 
 
 @kernel()
 def combined(x, cov, share, mean, spread):
-    """Position (3,) and covariance (3, 3) of one keypoint over its models."""
+    """Position (3,) and covariance (3, 3) of one keypoint over its models x (M, 3 or more), cov."""
     m = len(share)
     for a in range(3):
         mean[a] = 0.0
