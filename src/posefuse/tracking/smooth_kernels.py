@@ -30,6 +30,17 @@ def inverse3(a, out):
     return det
 
 
+@kernel()
+def add_product(out, factor, first, second):
+    """out (n, m) += factor first (n, k) second (k, m), in place; `out` is part of neither."""
+    for i in range(out.shape[0]):
+        for j in range(out.shape[1]):
+            total = out[i, j]
+            for m in range(first.shape[1]):
+                total += factor * first[i, m] * second[m, j]
+            out[i, j] = total
+
+
 # standard deviations the filter starts with, far beyond any human motion: m, m/s, m/s^2
 START_SIGMA = (1.0, 60.0, 2000.0)
 
@@ -96,7 +107,7 @@ def _filter(t, z, noise, measured, q, xs, covs, gains, inverses, innovations):
         xs[step], covs[step] = x[:, 0], cov
         row = _POSITION if measured[step] else _ACCELERATION
         for i in range(3):
-            innovations[step, i] = (z[step, i] if measured[step] else 0.0) - x[row + i, 0]
+            innovations[step, i, 0] = (z[step, i] if measured[step] else 0.0) - x[row + i, 0]
             for j in range(3):
                 s[i, j] = cov[row + i, row + j]
                 if measured[step]:
@@ -104,50 +115,23 @@ def _filter(t, z, noise, measured, q, xs, covs, gains, inverses, innovations):
             if not measured[step]:
                 s[i, i] += GAP_ACCELERATION**2 * max(1.0, 2.0 * GAP_ACCELERATION_S / (t[step + 1] - t[step - 1]))
         inverse3(s, inverses[step])
-        gain = gains[step]
+        add_product(gains[step], 1.0, cov[:, row : row + 3], inverses[step])
+        add_product(x, 1.0, gains[step], innovations[step])
+        add_product(cov, -1.0, gains[step], covs[step, row : row + 3])
         for i in range(9):
-            for j in range(3):
-                total = 0.0
-                for m in range(3):
-                    total += cov[i, row + m] * inverses[step, m, j]
-                gain[i, j] = total
-        for i in range(9):
-            for m in range(3):
-                x[i, 0] += gain[i, m] * innovations[step, m]
-        top = covs[step][row : row + 3]
-        for i in range(9):
-            for j in range(i, 9):
-                total = cov[i, j]
-                for m in range(3):
-                    total -= gain[i, m] * top[m, j]
-                cov[i, j] = cov[j, i] = total
+            for j in range(i):
+                cov[i, j] = cov[j, i]
 
 
 @kernel()
 def _absorb(gain, inverse, innovation, row, lam, big):
     """Adjoint state of a time step after a measurement of state rows row..row+2 -> before it: lam (9, 1), big (9, 9) in place."""
-    u, w = np.empty((3, 9)), np.empty((3, 3))
-    for i in range(3):
-        pull = 0.0
-        for m in range(9):
-            pull += gain[m, i] * lam[m, 0]
-        for m in range(3):
-            pull += inverse[i, m] * innovation[m]
-        u[i, 0] = pull
-    for i in range(3):
-        lam[row + i, 0] -= u[i, 0]
-    for i in range(3):
-        for j in range(9):
-            total = 0.0
-            for m in range(9):
-                total += gain[m, i] * big[m, j]
-            u[i, j] = total
-    for i in range(3):
-        for j in range(3):
-            total = inverse[i, j]
-            for m in range(9):
-                total += u[i, m] * gain[m, j]
-            w[i, j] = total
+    pull, u, w = np.zeros((3, 1)), np.zeros((3, 9)), inverse.copy()
+    add_product(pull, 1.0, gain.T, lam)
+    add_product(pull, 1.0, inverse, innovation)
+    lam[row : row + 3] -= pull
+    add_product(u, 1.0, gain.T, big)
+    add_product(w, 1.0, u, gain)
     for i in range(3):
         for j in range(9):
             big[row + i, j] -= u[i, j]
@@ -168,8 +152,8 @@ def smooth_run(t, z, noise, measured, q, mean, cov):
     Fills mean (T, 3) and cov (T, 3, 3).
     """
     count = len(t)
-    xs, covs, gains = np.empty((count, 9)), np.empty((count, 9, 9)), np.empty((count, 9, 3))
-    inverses, innovations = np.empty((count, 3, 3)), np.empty((count, 3))
+    xs, covs, gains = np.empty((count, 9)), np.empty((count, 9, 9)), np.zeros((count, 9, 3))
+    inverses, innovations = np.empty((count, 3, 3)), np.empty((count, 3, 1))
     _filter(t, z, noise, measured, q, xs, covs, gains, inverses, innovations)
     lam, big, half = np.zeros((9, 1)), np.zeros((9, 9)), np.empty((3, 9))
     for back in range(count):
@@ -177,18 +161,10 @@ def smooth_run(t, z, noise, measured, q, mean, cov):
         row = _POSITION if measured[step] else _ACCELERATION
         _absorb(gains[step], inverses[step], innovations[step], row, lam, big)
         p = covs[step]
-        for i in range(3):
-            mean[step, i] = xs[step, i]
-            for j in range(9):
-                mean[step, i] -= p[i, j] * lam[j, 0]
-                half[i, j] = 0.0
-                for m in range(9):
-                    half[i, j] += p[i, m] * big[m, j]
-        for i in range(3):
-            for j in range(3):
-                cov[step, i, j] = p[i, j]
-                for m in range(9):
-                    cov[step, i, j] -= half[i, m] * p[m, j]
+        mean[step], cov[step], half[:] = xs[step, :3], p[:3, :3], 0.0
+        add_product(mean[step : step + 1].T, -1.0, p[:3], lam)
+        add_product(half, 1.0, p[:3], big)
+        add_product(cov[step], -1.0, half, p[:, :3])
         if step > 0:
             dt = t[step] - t[step - 1]
             _backward(lam, dt)

@@ -7,7 +7,7 @@ import math
 import numpy as np
 
 from posefuse.foundation.compiled import kernel
-from posefuse.tracking.smooth_kernels import inverse3
+from posefuse.tracking.smooth_kernels import add_product, inverse3
 
 from .rays import depth_row, expected, ray, squared
 from .state import combined, normalise
@@ -161,17 +161,10 @@ def _pull(x, cov, share, about, info, pull):
             u[a] = pull[a]
             for d in range(3):
                 u[a] -= info[a, d] * (x[j, d] - about[d])
-        for a in range(3):
-            for d in range(3):
-                mix[a, d] = 1.0 if a == d else 0.0
-                for e in range(3):
-                    mix[a, d] += info[a, e] * cov[j, e, d]
+        mix[:], gain[:] = np.eye(3), 0.0
+        add_product(mix, 1.0, info, cov[j, :3, :3])
         det = inverse3(mix, inverse)
-        for i in range(9):
-            for a in range(3):
-                gain[i, a] = 0.0
-                for d in range(3):
-                    gain[i, a] += cov[j, i, d] * inverse[d, a]
+        add_product(gain, 1.0, cov[j, :, :3], inverse)
         value = -0.5 * math.log(det)
         for a in range(3):
             away = x[j, a] - about[a]
