@@ -233,7 +233,8 @@ def _placed_again(solved: Solved, seen: Snapshots) -> Solved:
     Off by its clocks, a flat target may have come to rest in the mirrored one of the two poses that look alike.
     """
     state, wrong = solved.solution.state, np.unique(solved.seen.time_step[~solved.inlier[solved.seen.group]])
-    path = prop_path(seen, solved.links.shape, solved.corners, Lenses(solved.cameras, state.lens_delta), state.cam_from_world)
+    of_these, lenses = seen.rows(np.isin(seen.time_step, wrong)), Lenses(solved.cameras, state.lens_delta)
+    path = prop_path(of_these, solved.links.shape, solved.corners, lenses, state.cam_from_world)
     wrong = wrong[np.isfinite(path.t[wrong]).all(axis=1)]
     R, t = state.world_from_prop.R.copy(), state.world_from_prop.t.copy()
     R[wrong], t[wrong] = path.R[wrong], path.t[wrong]
