@@ -182,6 +182,14 @@ def data_entries(folder: Path, kind: str) -> list[Path]:
     return next((found for place in _FOLDERS[kind] if (found := _entries(folder / place, kind))), [])
 
 
+def looks_like_session(folder: Path) -> bool:
+    """Whether a calibration, data of cameras, or a folder for such data lies in a folder: the data itself may not be readable."""
+    if any(data_entries(folder, kind) for kind in KINDS):
+        return True
+    places = {place for found in _FOLDERS.values() for place in found} - {"."}
+    return any((folder / place).is_dir() for place in places) or any(any(folder.glob(pattern)) for pattern in RIG_PATTERNS)
+
+
 def _data(folder: Path, config: TrackConfig) -> tuple[str, list[Path]]:
     kinds = KINDS if config.input == "auto" else (config.input,)
     for kind in kinds:
