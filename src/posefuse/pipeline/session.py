@@ -25,6 +25,7 @@ RIG_PATTERNS = (
     "rig.toml",
     "camera_array.toml",
     "[Cc]alib*.toml",
+    "*_camera_calibration.toml",
     "*.qca.txt",
     "[Cc]alib*.json",
     "[Cc]alib*.y*ml",
@@ -34,7 +35,7 @@ RIG_PATTERNS = (
 RIG_FOLDERS = (".", "calibration", "Calibration")
 KINDS = ("videos", "images", "pose2d")
 _FOLDERS = {
-    "videos": (".", "videos", "Videos"),
+    "videos": (".", "videos", "Videos", "synchronized_videos"),
     "images": ("images", "frames", "videos"),
     "pose2d": (f"pose2d/{PREDICTIONS_FOLDER}", "pose2d", "openpose_json", "pose-sync", "pose", "pose-2d"),
 }
