@@ -162,8 +162,7 @@ class BlazePoseDetector(NetworkDetector):
     def _search(self, frames: Sequence[Frame]) -> list[list[Region]]:
         """Where people are in whole images, by what the first landmark network confirms."""
         found = self._in_stages(frames, self._finder, self._up_rad, partial(self._look, thoroughly=False))
-        regions = [[region_from_keypoints(look.xy, self.skeleton) for look in people] for people in found]
-        return [[region for region in some if region is not None] for some in regions]
+        return [[region for one in people if (region := region_from_keypoints(one.xy, self.skeleton))] for people in found]
 
     def _look(self, people: Sequence[tuple[Frame, Region]], thoroughly: bool = True) -> list[DetectedPerson]:
         """Landmarks of each person in raw px; if not `thoroughly`, by the first network alone."""

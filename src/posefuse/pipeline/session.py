@@ -184,9 +184,7 @@ def data_entries(folder: Path, kind: str) -> list[Path]:
 
 
 def looks_like_session(folder: Path) -> bool:
-    """Whether a calibration, data of cameras, or a folder for such data lies in a folder: the data itself may not be readable."""
-    if any(data_entries(folder, kind) for kind in KINDS):
-        return True
+    """Whether a calibration, or a folder for data of cameras, lies in a folder: the data itself may not be readable."""
     places = {place for found in _FOLDERS.values() for place in found} - {"."}
     return any((folder / place).is_dir() for place in places) or any(any(folder.glob(pattern)) for pattern in RIG_PATTERNS)
 

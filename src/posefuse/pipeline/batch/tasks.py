@@ -83,7 +83,7 @@ def _sessions(folder: Path) -> Iterator[Path]:
         # a result has a video, too: the overlay
         if is_result(entry) or entry.name in RIG_FOLDERS:
             continue
-        below = [] if _has_data(entry) else list(_sessions(entry))
+        below = [entry] if _has_data(entry) else list(_sessions(entry))
         yield from below or ([entry] if looks_like_session(entry) else [])
 
 
