@@ -184,9 +184,8 @@ def data_entries(folder: Path, kind: str) -> list[Path]:
 
 
 def looks_like_session(folder: Path) -> bool:
-    """Whether a calibration, or a folder for data of cameras, lies in a folder: the data itself may not be readable."""
-    places = {place for found in _FOLDERS.values() for place in found} - {"."}
-    return any((folder / place).is_dir() for place in places) or any(any(folder.glob(pattern)) for pattern in RIG_PATTERNS)
+    """Whether a calibration or a folder for videos lies in a folder: the data itself may not be readable."""
+    return any(any(folder.glob(pattern)) for pattern in (*RIG_PATTERNS, *_FOLDERS["videos"][1:]))
 
 
 def _data(folder: Path, config: TrackConfig) -> tuple[str, list[Path]]:

@@ -58,7 +58,7 @@ def find_trials(study: Path) -> list[Trial]:
     """All sessions below a folder, by name.
 
     A session has videos, images or 2D poses where `posefuse track` looks for them. One without a calibration file uses the
-    nearest one above it, up to the study. A folder that only has a calibration, or folders for such data, is one that fails.
+    nearest one above it, up to the study. A folder that only has a calibration, or a folder for videos, is one that fails.
     Folders inside a session or a result, those of calibrations, and hidden ones are not searched.
 
     Raises:
