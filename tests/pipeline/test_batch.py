@@ -97,6 +97,29 @@ def test_results_next_to_sessions_are_no_sessions(folder: Path, here: list[str],
     refusal(InputError, "no session found below it", find_trials, result)
 
 
+@pytest.mark.parametrize("own_rig", [True, False])
+def test_a_session_whose_videos_cannot_be_read_is_a_failed_trial(own_rig: bool, folder, here, tmp_path) -> None:
+    """A folder with a calibration or a folder of videos in it was passed over in silence where no video had a known suffix."""
+    (folder / "P01" / "lost" / "videos").mkdir(parents=True)
+    (folder / "P01" / "lost" / "videos" / "cam0.braw").write_bytes(b"frames")
+    if own_rig:
+        (folder / "P01" / "rig.toml").rename(folder / "P01" / "lost" / "rig.toml")
+    # where calibrations lie is no session
+    (folder / "P01" / "calibration").mkdir()
+    write_rig(folder / "P01" / "calibration" / "rig.toml", pf.read_rig(folder / "P02" / "slow" / "rig.toml"))
+    study = run(folder, tmp_path / "out")
+    assert list(study.failed) == ["P01/lost", "P02/broken"]
+    assert re.search(r"no videos .*looked in .*videos/", study.failed["P01/lost"])
+
+
+def test_the_table_names_files_as_they_lie_in_the_study(folder: Path, here: list[str], tmp_path: Path) -> None:
+    """Reasons and warnings had the path of the study on this machine, which is another one once it is moved."""
+    (folder / "P02" / "slow" / "rig.toml").write_text("[")
+    run(folder, tmp_path / "out")
+    shown = (tmp_path / "out" / "study.csv").read_text(encoding="utf-8")
+    assert "in P02/broken, P02" in shown and "P02/slow/rig.toml" in shown and str(tmp_path) not in shown
+
+
 def test_a_failure_is_named_and_the_rest_is_finished(folder: Path, here: list[str], tmp_path: Path) -> None:
     news: list[str] = []
     study = run(folder, tmp_path / "out", progress=lambda stage, done, total, message="": news.append(message))

@@ -61,6 +61,14 @@ def test_videos_find_their_cameras_whatever_the_spelling(session: Path, names: l
     assert found.notes == ()
 
 
+def test_a_session_of_freemocap_is_found_as_it_is(session: Path) -> None:
+    """Its calibration and its folder of videos had to be named one by one."""
+    calibration = (session / "rig.toml").rename(session / "walk_camera_calibration.toml")
+    touch(session / "synchronized_videos", [f"cam_{number}_synchronized.mp4" for number in ("01", "02", "10")])
+    found = find_session(session, TrackConfig())
+    assert found.rig_path == calibration and [entry.camera for entry in found.inputs] == ["cam_01", "cam_02", "cam_10"]
+
+
 def test_images_and_pose_folders(session: Path) -> None:
     for name in ("cam_01", "cam_02", "cam_10"):
         touch(session / "images" / name, ["0001.jpg", "0002.jpg"])

@@ -11,11 +11,14 @@ from .values import Detections2D, keypoint_boxes
 _LEAST_SHARED = 3
 
 
-def duplicates(detections: Detections2D, share: float) -> Array:
+def duplicates(detections: Detections2D, share: float, sure: Array | None = None) -> Array:
     """(P,) bool: the detection marks the same body as a surer one of the same view.
 
     Two detections are one body when the median distance of their keypoints is below `share` of the longer side of the larger
-    box. A body with left and right swapped is the same body, too. Of several with equal scores the first is kept.
+    box. A body with left and right swapped is the same body, too. Of several that are equally sure the first is kept.
+
+    Args:
+        sure: (P,) how sure each is; None: the sum of its scores.
     """
     count = len(detections)
     repeated = np.zeros(count, bool)
@@ -27,7 +30,7 @@ def duplicates(detections: Detections2D, share: float) -> Array:
     side = np.nan_to_num(box[:, 2:] - box[:, :2]).max(axis=-1)
     apart = np.minimum(_median_distances(xy, xy), _median_distances(xy, xy[:, detections.skeleton.mirror]))
     close = apart < share * np.maximum(side[:, None], side)
-    sure = np.where(seen, detections.score, 0.0).sum(axis=1)
+    sure = np.where(seen, detections.score, 0.0).sum(axis=1) if sure is None else sure
     kept: list[int] = []
     for p in np.argsort(-sure, kind="stable").tolist():
         if close[p, kept].any():

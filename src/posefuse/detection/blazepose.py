@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import field, replace
+from functools import partial
 from pathlib import Path
 from typing import Annotated
 
@@ -21,12 +22,9 @@ from .decode import landmarks_from_outputs
 from .device import Device, Precision, openvino_device
 from .engines import BlazePoseNetwork
 from .files import fetch_all
-from .networks import DetectedPerson, NetworkDetector
+from .networks import LEAST_PRESENCE, DetectedPerson, NetworkDetector
 from .noise import landmark_noise_features, read_noise
 from .search import SquareFinder
-
-# of a crop that shows a person; below it the keypoints carry no information
-_LEAST_PRESENCE = 0.5
 
 
 class LandmarkNetwork:
@@ -68,7 +66,7 @@ def averaged(looks: Sequence[DetectedPerson]) -> DetectedPerson:
     Networks trained on the same images have correlated errors, so the average is not more certain than its parts; what they
     disagree by is added to its variance. Looks that see no person are left out, unless none sees any person.
     """
-    counted = [look for look in looks if look.presence >= _LEAST_PRESENCE] or list(looks)
+    counted = [look for look in looks if look.presence >= LEAST_PRESENCE] or list(looks)
     if len(counted) == 1:
         return counted[0]
     xy, variance = np.stack([look.xy for look in counted]), np.stack([look.sigma_px for look in counted]) ** 2
@@ -81,15 +79,6 @@ def averaged(looks: Sequence[DetectedPerson]) -> DetectedPerson:
         np.sqrt((weight * variance).sum(axis=0) + apart),
         float(np.mean([look.presence for look in counted])),
     )
-
-
-# two looks whose keypoints are closer than this share of the longer side of the person (median) show one person. A body that
-# is cut off at the edge of one square and whole in another differs by up to a tenth.
-_SAME_PERSON = 0.12
-
-
-# looked for per image when no regions are given
-_MOST_PEOPLE = 16
 
 
 @settings
@@ -168,36 +157,12 @@ class BlazePoseDetector(NetworkDetector):
     def _given(self, asked: Sequence[tuple[Frame, Sequence[Region]]]) -> list[list[DetectedPerson]]:
         looks = iter(self._look([(frame, region) for frame, regions in asked for region in regions]))
         missing = DetectedPerson.missing(len(self.skeleton))
-        return [[look if (look := next(looks)).presence >= _LEAST_PRESENCE else missing for _ in regions] for _, regions in asked]
+        return [[look if (look := next(looks)).presence >= LEAST_PRESENCE else missing for _ in regions] for _, regions in asked]
 
     def _search(self, frames: Sequence[Frame]) -> list[list[Region]]:
-        """Everybody in whole images, stage by stage; what the landmark network does not confirm was no person.
-
-        Those who are found first are not all: closer stages follow until one of them finds no new person.
-        """
-        found: list[list[DetectedPerson]] = [[] for _ in frames]
-        plans = [self._finder.stages(frame.size_wh, self._up_rad.get(frame.camera, 0.0)) for frame in frames]
-        open_frames = list(range(len(frames)))
-        while open_frames:
-            before = [len(people) for people in found]
-            now = {i: next(plans[i], []) for i in open_frames}
-            self._look_at_squares(frames, now, found)
-            open_frames = [i for i in open_frames if now[i] and (not before[i] or len(found[i]) > before[i])]
-        regions = [[region_from_keypoints(look.xy, self.skeleton) for look in people] for people in found]
-        return [[region for region in some if region is not None] for some in regions]
-
-    def _look_at_squares(
-        self, frames: Sequence[Frame], squares: Mapping[int, list[Region]], found: list[list[DetectedPerson]]
-    ) -> None:
-        """Add the people of squares of frames, by the number of the frame, to those found."""
-        regions = self._finder.people([(frames[i], some) for i, some in squares.items()])
-        candidates = [(i, region) for i, some in zip(squares, regions, strict=True) for region in some]
-        confirmed = self._look([(frames[i], region) for i, region in candidates], thoroughly=False)
-        for (i, _), look in zip(candidates, confirmed, strict=True):
-            if look.presence < _LEAST_PRESENCE or len(found[i]) >= _MOST_PEOPLE:
-                continue
-            if region_from_keypoints(look.xy, self.skeleton) is not None and not _known(look, found[i]):
-                found[i].append(look)
+        """Where people are in whole images, by what the first landmark network confirms."""
+        found = self._in_stages(frames, self._finder, self._up_rad, partial(self._look, thoroughly=False))
+        return [[region for one in people if (region := region_from_keypoints(one.xy, self.skeleton))] for people in found]
 
     def _look(self, people: Sequence[tuple[Frame, Region]], thoroughly: bool = True) -> list[DetectedPerson]:
         """Landmarks of each person in raw px; if not `thoroughly`, by the first network alone."""
@@ -215,12 +180,3 @@ class BlazePoseDetector(NetworkDetector):
 def _in_image(look: DetectedPerson, region: Region, side_px: int) -> DetectedPerson:
     """The same in raw px instead of crop px."""
     return replace(look, xy=img_from_crop(region, side_px, look.xy), sigma_px=look.sigma_px * region.side_px / side_px)
-
-
-def _known(look: DetectedPerson, others: Sequence[DetectedPerson]) -> bool:
-    """Whether two detections show the same person: their keypoints coincide."""
-    for other in others:
-        side = max(np.ptp(look.xy, axis=0).max(), np.ptp(other.xy, axis=0).max())
-        if np.median(np.linalg.norm(look.xy - other.xy, axis=-1)) < _SAME_PERSON * side:
-            return True
-    return False

@@ -13,7 +13,7 @@ from posefuse.core import ModelError
 from posefuse.core.arrays import Array
 
 from .card import Decoding, OnnxCard
-from .crops import overlap
+from .crops import overlapping_groups
 from .decode import Keypoints, People, keypoints_from_heatmaps, keypoints_from_movenet, keypoints_from_simcc
 
 _STRIDES = (8, 16, 32)
@@ -53,10 +53,7 @@ def _kept(box: Array, score: Array, decoding: Decoding, points: Array | None = N
     """Boxes that score enough and overlap no better one too much, best first, with their points (N, K, 3) if there are some."""
     left = np.flatnonzero(score >= decoding.least_score)
     left = left[np.argsort(-score[left], kind="stable")]
-    chosen = np.zeros(0, np.intp)
-    while len(left):
-        chosen = np.append(chosen, left[0])
-        left = left[1:][overlap(box[left[0]], box[left[1:]]) <= decoding.most_overlap]
+    chosen = left[np.array([group[0] for group in overlapping_groups(box[left], decoding.most_overlap)], np.intp)]
     if points is None:
         return People(box[chosen], score[chosen])
     known = np.clip(np.nan_to_num(points[chosen, :, 2]), 0, 1)

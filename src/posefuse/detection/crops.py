@@ -132,6 +132,18 @@ def overlap(box: Array, others: Array) -> Array:
     return np.asarray(shared / np.maximum(area - shared, 1e-9))
 
 
+def overlapping_groups(boxes: Array, most: float) -> list[Array]:
+    """Numbers of boxes (B, 4), best first, in groups: the best that is left, and all that overlap it by more than `most`."""
+    left = np.arange(len(boxes))
+    groups = []
+    while len(left):
+        same = overlap(boxes[left[0]], boxes[left]) > most
+        same[0] = True
+        groups.append(left[same])
+        left = left[~same]
+    return groups
+
+
 def square_crop(image: Array, region: Region, side_px: int) -> Array:
     """The upright crop (side_px, side_px, 3) uint8; black outside the image.
 

@@ -10,7 +10,7 @@ People are in regions that are given, or all who are found in whole images. A us
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Annotated
@@ -20,6 +20,7 @@ from annotated_types import Ge
 
 from posefuse.core import ConfigError, Detections2D, Frame, Progress, Region, Skeleton, silent
 from posefuse.core.arrays import Array
+from posefuse.core.duplicates import duplicates
 from posefuse.core.protocols import NOISE_NOT_FITTED
 from posefuse.formats.joint_centres import read_joint_centres
 from posefuse.foundation.platform import default_cache_dir, usable_cores
@@ -56,6 +57,14 @@ class DetectedPerson:
         return DetectedPerson(np.full((count, 2), np.nan), np.zeros(count), np.full(count, np.nan))
 
 
+# looked for per image when no regions are given
+_MOST_PEOPLE = 16
+# of a look at one person; below it the keypoints carry no information
+LEAST_PRESENCE = 0.5
+# as of `core.duplicates`: a body that is cut off at the edge of one square and whole in another differs by up to a tenth
+_SAME_PERSON = 0.12
+
+
 class NetworkDetector(ABC):
     """Implements `core.Detector` but for `_found` and `_given`. Not for use from several threads at once; build one for each.
 
@@ -83,13 +92,41 @@ class NetworkDetector(ABC):
     def _given(self, asked: Sequence[tuple[Frame, Sequence[Region]]]) -> list[list[DetectedPerson]]:
         """For each image one person per region, in that order."""
 
+    def _in_stages(
+        self,
+        frames: Sequence[Frame],
+        finder: PersonFinder,
+        up_rad: Mapping[str, float],
+        look: Callable[[Sequence[tuple[Frame, Region]]], Sequence[DetectedPerson]],
+    ) -> list[list[DetectedPerson]]:
+        """Everybody in whole images, each once, stage by stage; what the keypoint network does not confirm was no person.
+
+        Those who are found first are not all: closer stages follow until one of them finds no new person.
+
+        Args:
+            finder: of people. up_rad: per camera, see `OnnxConfig`. look: of the keypoint network, one person per region.
+        """
+        found: list[list[DetectedPerson]] = [[] for _ in frames]
+        plans = [finder.stages(frame.size_wh, up_rad.get(frame.camera, 0.0)) for frame in frames]
+        due = list(range(len(frames)))
+        while squares := {i: parts for i in due if (parts := next(plans[i], None))}:
+            before = [len(people) for people in found]
+            regions = finder.people([(frames[i], parts) for i, parts in squares.items()])
+            looks = iter(look([(frames[i], region) for i, some in zip(squares, regions, strict=True) for region in some]))
+            for i, some in zip(squares, regions, strict=True):
+                found[i] = self._each_once(frames[i], [*found[i], *(next(looks) for _ in some)])
+            due = [i for i in squares if not before[i] or len(found[i]) > before[i]]
+        return found
+
+    def _each_once(self, frame: Frame, looks: Sequence[DetectedPerson]) -> list[DetectedPerson]:
+        """The people among looks at one image, by the first look at each."""
+        people = [one for one in looks if one.presence >= LEAST_PRESENCE and region_from_keypoints(one.xy, self.skeleton)]
+        again = duplicates(self._result(frame, people), _SAME_PERSON, sure=-np.arange(len(people)))
+        return [one for one, twice in zip(people, again, strict=True) if not twice][:_MOST_PEOPLE]
+
     def _result(self, frame: Frame, people: Sequence[DetectedPerson]) -> Detections2D:
         parts = ([getattr(person, name) for person in people] for name in ("xy", "score", "sigma_px"))
         return Detections2D.of(frame.camera, frame.t_ns, self.skeleton, *parts)
-
-
-# looked for per image when no regions are given
-_MOST_PEOPLE = 4
 
 
 @settings
@@ -163,8 +200,6 @@ class OnnxConfig:
         return self.streams or usable_cores()
 
 
-# distance of centres over region side, below which two regions are about one person
-_SAME_PERSON = 0.15
 # distance of a person's middle from the centre of the region given for them, over its side
 _IN_REGION = 0.35
 
@@ -232,23 +267,7 @@ class TopDownDetector(_Networked):
         self._finder = finder
 
     def _found(self, frames: Sequence[Frame]) -> list[list[DetectedPerson]]:
-        """Stage by stage, all frames in which no person was found so far together."""
-        found: list[list[DetectedPerson]] = [[] for _ in frames]
-        plans = [self._finder.stages(frame.size_wh, self._up_rad.get(frame.camera, 0.0)) for frame in frames]
-        while due := {i: parts for i, plan in enumerate(plans) if not found[i] and (parts := next(plan, None))}:
-            regions = self._finder.people([(frames[i], parts) for i, parts in due.items()])
-            asked = [(frames[i], some[: 2 * _MOST_PEOPLE]) for i, some in zip(due, regions, strict=True)]
-            for i, people in zip(due, self._given(asked), strict=True):
-                found[i] = self._each_once(people)
-        return found
-
-    def _each_once(self, people: Sequence[DetectedPerson]) -> list[DetectedPerson]:
-        once: dict[int, Region] = {}
-        for n, person in enumerate(people):
-            region = region_from_keypoints(person.xy, self.skeleton)
-            if region is not None and not _known(region, list(once.values())) and len(once) < _MOST_PEOPLE:
-                once[n] = region
-        return [people[n] for n in once]
+        return self._in_stages(frames, self._finder, self._up_rad, self._look)
 
     def _given(self, asked: Sequence[tuple[Frame, Sequence[Region]]]) -> list[list[DetectedPerson]]:
         looked = iter(self._look([(frame, region) for frame, regions in asked for region in regions]))
@@ -327,9 +346,3 @@ class OneStageDetector(_Networked):
         middles = np.array([np.nanmean(person.xy, axis=0) for person in people]).reshape(-1, 2)
         places = [nearest_to(region, middles, _IN_REGION) for region in regions]
         return [DetectedPerson.missing(len(self.skeleton)) if place is None else people[place] for place in places]
-
-
-def _known(region: Region, others: Sequence[Region]) -> bool:
-    """Whether a region is about a person that another region already holds."""
-    apart = [np.linalg.norm(region.centre_img - other.centre_img) / max(region.side_px, other.side_px) for other in others]
-    return bool(min(apart, default=np.inf) < _SAME_PERSON)

@@ -19,7 +19,7 @@ from posefuse.core.arrays import Array
 
 from .boxes import people_from_outputs
 from .card import PersonCard, PersonDecoding
-from .crops import Crops, img_from_crop, img_from_input, letterbox_from_img, overlap, region_of_box, warp_to_input
+from .crops import Crops, img_from_crop, img_from_input, letterbox_from_img, overlapping_groups, region_of_box, warp_to_input
 from .decode import People
 from .device import CPU, Device, Precision
 from .engines import BlazePoseNetwork, OnnxNetwork
@@ -79,7 +79,7 @@ def regions_from_outputs(
     centre, size = raw[:, :2] + cells, raw[:, 2:4]
     points = raw[:, _FIRST_POINT:].reshape(len(likely), (raw.shape[1] - _FIRST_POINT) // 2, 2) + cells[:, None]
     found = []
-    for group in _groups(np.hstack([centre - size / 2, centre + size / 2])):
+    for group in overlapping_groups(np.hstack([centre - size / 2, centre + size / 2]), _SAME_PERSON_IOU):
         weight = score[likely[group]]
         merged = np.average(points[group], axis=0, weights=weight)
         # continuous crop coordinates start at the corner, pixel centres half a pixel later
@@ -101,18 +101,6 @@ def _anchor_centres(grids: tuple[tuple[int, int], ...], side_px: int) -> Array:
         x, y = np.meshgrid(middle, middle)
         parts.append(np.repeat(np.stack([x.ravel(), y.ravel()], axis=-1), anchors, axis=0))
     return np.concatenate(parts)
-
-
-def _groups(corners: Array) -> list[Array]:
-    """Indices of boxes (B, 4), best first, that overlap the best box left: one group per person."""
-    left = np.arange(len(corners))
-    groups = []
-    while len(left):
-        same = overlap(corners[left[0]], corners[left]) > _SAME_PERSON_IOU
-        same[0] = True
-        groups.append(left[same])
-        left = left[~same]
-    return groups
 
 
 class PersonFinder(Protocol):

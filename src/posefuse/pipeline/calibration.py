@@ -6,8 +6,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-import numpy as np
-
 from posefuse.calibration.clocks.person_tracks import PersonTrack, person_tracks
 from posefuse.calibration.clocks.sync import ClockEstimate
 from posefuse.calibration.person.scale import KnownLength
@@ -15,17 +13,17 @@ from posefuse.calibration.person.solve import PersonCalibration, at_clocks, cali
 from posefuse.calibration.person.views import ChosenPerson, choose_person
 from posefuse.calibration.report import CalibrationReport, Check, RefusedCalibration
 from posefuse.core import Camera, InputError, Progress, Rig, silent
-from posefuse.core.arrays import Array
 from posefuse.core.errors import choices
 from posefuse.detection.build import DetectorChoice, build_detector, fetch_networks
 from posefuse.formats.pose2d import read_pose2d_of_cameras
 from posefuse.health.background import background_of
-from posefuse.sources import VIDEO_SUFFIXES, VideoConfig
+from posefuse.sources import VIDEO_SUFFIXES, RecordedSource, VideoConfig
 
 from .config import TrackConfig
 from .opening import build_source, pose2d_rate_hz, read_session_poses, stated_rig
 from .person_poses import PersonSeen, person_in_videos, poses_apart, timeline_of
 from .session import LEAST_CAMERAS, Session, find_session, fitted_camera
+from .time_steps import frame_period_ns
 
 
 def check_recordings(paths: Mapping[str, Path]) -> None:
@@ -104,16 +102,15 @@ def solve_person(
 def frame_periods_s(paths: Mapping[str, Path], rate_hz: float | None) -> tuple[float, ...]:
     """Seconds between two frames of each camera; NaN where that is not known."""
     return tuple(
-        frame_period_s(VideoConfig(path, name).build().times_ns())
+        _period_s(VideoConfig(path, name).build())
         if path.suffix.lower() in VIDEO_SUFFIXES
         else (1 / rate_hz if rate_hz else float("nan"))
         for name, path in paths.items()
     )
 
 
-def frame_period_s(times_ns: Array) -> float:
-    """Usual time between two frames."""
-    return float(np.median(np.diff(times_ns))) / 1e9 if len(times_ns) > 1 else float("nan")
+def _period_s(source: RecordedSource) -> float:
+    return (frame_period_ns(source.times_ns()) or float("nan")) / 1e9
 
 
 def _person_in_files(paths: Mapping[str, Path], cameras: tuple[Camera, ...], rate_hz: float | None) -> ChosenPerson:
@@ -161,13 +158,12 @@ def _from_images(session: Session, config: TrackConfig, seconds: float, progress
     sources = [build_source(entry, config, len(as_recorded)) for entry in as_recorded]
     cameras = [fitted_camera(session.rig[one.camera], entry, one) for entry, one in zip(as_recorded, sources, strict=True)]
     rig = replace(session.rig, cameras=tuple(cameras))
-    period_s = tuple(frame_period_s(np.asarray(source.times_ns())) for source in sources)
     timeline = timeline_of(sources, seconds)
     fetch_networks(config.detector, progress)
     detector = build_detector(config.detector, rig)
     tracks = person_tracks(poses_apart(sources, detector, timeline, progress))
     background = background_of(sources, rig.cameras, timeline.span_ns).report
-    return SessionSeen(rig=rig, tracks=tracks, frame_period_s=period_s, background=background)
+    return SessionSeen(rig=rig, tracks=tracks, frame_period_s=tuple(map(_period_s, sources)), background=background)
 
 
 def _from_files(session: Session, config: TrackConfig, seconds: float) -> SessionSeen:

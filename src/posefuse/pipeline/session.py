@@ -25,6 +25,7 @@ RIG_PATTERNS = (
     "rig.toml",
     "camera_array.toml",
     "[Cc]alib*.toml",
+    "*_camera_calibration.toml",
     "*.qca.txt",
     "[Cc]alib*.json",
     "[Cc]alib*.y*ml",
@@ -34,7 +35,7 @@ RIG_PATTERNS = (
 RIG_FOLDERS = (".", "calibration", "Calibration")
 KINDS = ("videos", "images", "pose2d")
 _FOLDERS = {
-    "videos": (".", "videos", "Videos"),
+    "videos": (".", "videos", "Videos", "synchronized_videos"),
     "images": ("images", "frames", "videos"),
     "pose2d": (f"pose2d/{PREDICTIONS_FOLDER}", "pose2d", "openpose_json", "pose-sync", "pose", "pose-2d"),
 }
@@ -180,6 +181,11 @@ def _rig_folders(folder: Path) -> tuple[str, ...]:
 def data_entries(folder: Path, kind: str) -> list[Path]:
     """Files or folders of a kind of data in a session's usual places; empty where there are none."""
     return next((found for place in _FOLDERS[kind] if (found := _entries(folder / place, kind))), [])
+
+
+def looks_like_session(folder: Path) -> bool:
+    """Whether a calibration or a folder for videos lies in a folder: the data itself may not be readable."""
+    return any(any(folder.glob(pattern)) for pattern in (*RIG_PATTERNS, *_FOLDERS["videos"][1:]))
 
 
 def _data(folder: Path, config: TrackConfig) -> tuple[str, list[Path]]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Generator, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
@@ -160,14 +160,10 @@ class StoredStep:
             rows = np.arange(log.frame_begin[frame], log.frame_begin[frame + 1])
             found = np.concatenate([kept, rows[(log.score[rows] > 0).any(axis=1)]])
             # what is kept counts first, however sure it is
-            together = replace(log.detections(int(frame), found), score=_in_order(log.score[found], len(kept)))
-            kept = np.concatenate([kept, found[len(kept) :][~duplicates(together, DUPLICATE_SHARE)[len(kept) :]]])
+            sure = np.where(np.arange(len(found)) < len(kept), np.inf, log.score[found].sum(axis=1))
+            again = duplicates(log.detections(int(frame), found), DUPLICATE_SHARE, sure)
+            kept = np.concatenate([kept, found[len(kept) :][~again[len(kept) :]]])
         return kept
-
-
-def _in_order(score: Array, kept: int) -> Array:
-    """Scores (P, K) with which the first `kept` are surer than all others."""
-    return np.where(score > 0, np.where(np.arange(len(score))[:, None] < kept, 1.0, 1e-3 * score), 0.0)
 
 
 def stored_steps(observations: Observations, first: int = 0) -> Iterator[StoredStep]:

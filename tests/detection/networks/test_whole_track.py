@@ -1,7 +1,7 @@
 """From images to a result with networks that really see: discs of one colour per keypoint, through the whole `posefuse track`."""
 
 import json
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from posefuse.cli.main import main
-from posefuse.core import SKELETONS, Rig
+from posefuse.core import SKELETONS, Frame, Region, Rig
 from posefuse.detection.networks import OnnxConfig
 from posefuse.evaluation.contracts import check_detector
 from posefuse.formats.recording import read_recording
@@ -51,3 +51,31 @@ def test_the_plug_in_keeps_the_contract(kind: str, session: Path, tmp_path: Path
     frames = [next(ImagesConfig(session / "images" / name, name, discs.RATE_HZ).build().frames()) for name in ("cam00", "cam02")]
     no_person = replace(frames[0], image=np.zeros_like(frames[0].image))
     check_detector(OnnxConfig(card=str(discs.card_of(kind, tmp_path)), streams=1).build(), [*frames, no_person])
+
+
+class Closer:
+    """Finds the first region in the whole image, and all of them, one twice, in its closer squares."""
+
+    def __init__(self, regions: list[Region]) -> None:
+        self._regions = regions
+
+    def stages(self, size_wh: tuple[int, int], up_rad: float) -> Iterator[list[Region]]:
+        whole = Region(centre_img=np.array(size_wh) / 2, side_px=float(max(size_wh)), angle_rad=up_rad)
+        yield from ([whole], [whole, whole])
+
+    def people(self, looks: Sequence[tuple[Frame, Sequence[Region]]]) -> list[list[Region]]:
+        return [self._regions[:1] if len(squares) == 1 else [self._regions[0], *self._regions] for _, squares in looks]
+
+
+def test_people_are_found_however_many_and_in_whichever_stage(session: Path, tmp_path: Path) -> None:
+    """A network of a card ended with the first stage in which there was a person, and with the fourth person."""
+    detector = OnnxConfig(card=str(discs.card_of("simcc", tmp_path)), streams=1).build()
+    one = next(ImagesConfig(session / "images" / "cam00", "cam00", discs.RATE_HZ).build().frames())
+    crowd = replace(one, image=np.hstack([one.image] * 6))
+    places = [(i + 0.5) * one.size_wh[0] for i in range(6)]
+    height = one.size_wh[1]
+    detector._finder = Closer(
+        [Region(centre_img=np.array([x, height / 2]), side_px=float(height), angle_rad=0.0) for x in places]
+    )
+    [found] = detector.detect([crowd], [None])
+    assert np.sort(np.nanmean(found.xy_img[..., 0], axis=1) // one.size_wh[0]).tolist() == [0, 1, 2, 3, 4, 5]

@@ -9,7 +9,7 @@ import os
 import re
 import time
 import warnings
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, fields
 from functools import cached_property
 from pathlib import Path
@@ -21,7 +21,7 @@ from posefuse.foundation.parsing import plain
 from posefuse.pipeline.config import CONFIG_FILE, TrackConfig, changed_config, read_config
 from posefuse.pipeline.reading import is_result
 from posefuse.pipeline.result_folder import ResultFolder, unfinished_work
-from posefuse.pipeline.session import KINDS, data_entries, find_session, rig_files
+from posefuse.pipeline.session import KINDS, RIG_FOLDERS, data_entries, find_session, looks_like_session, rig_files
 from posefuse.pipeline.track import track_session
 from posefuse.pipeline.writing import report_folder, write_report_folder
 
@@ -58,7 +58,8 @@ def find_trials(study: Path) -> list[Trial]:
     """All sessions below a folder, by name.
 
     A session has videos, images or 2D poses where `posefuse track` looks for them. One without a calibration file uses the
-    nearest one above it, up to the study. Folders inside a session or a result, and hidden ones, are not searched.
+    nearest one above it, up to the study. A folder that only has a calibration, or a folder for videos, is one that fails.
+    Folders inside a session or a result, those of calibrations, and hidden ones are not searched.
 
     Raises:
         InputError: no such folder, or no session below it.
@@ -80,12 +81,10 @@ def find_trials(study: Path) -> list[Trial]:
 def _sessions(folder: Path) -> Iterator[Path]:
     for entry in sorted(path for path in folder.iterdir() if path.is_dir() and not path.name.startswith(".")):
         # a result has a video, too: the overlay
-        if is_result(entry):
+        if is_result(entry) or entry.name in RIG_FOLDERS:
             continue
-        if _has_data(entry):
-            yield entry
-        else:
-            yield from _sessions(entry)
+        below = [entry] if _has_data(entry) else list(_sessions(entry))
+        yield from below or ([entry] if looks_like_session(entry) else [])
 
 
 def _has_data(folder: Path) -> bool:
@@ -130,9 +129,17 @@ class Task:
         about = json.dumps(plain([__version__, listed, dict(sorted(self.settings.items())), self.report]))
         return hashlib.sha256(about.encode()).hexdigest()[:16]
 
-    def outcome(self, **found: Any) -> Outcome:
-        """What became of it."""
-        return Outcome(name=self.trial.name, made_with=self.made_with, **found)
+    def outcome(self, *, reason: str = "", warnings: Sequence[str] = (), **found: Any) -> Outcome:
+        """What became of it; its lines name files as they lie in the study or its results, wherever these are moved to."""
+        lines = tuple(dict.fromkeys(map(self._line, warnings)))
+        return Outcome(name=self.trial.name, made_with=self.made_with, reason=self._line(reason), warnings=lines, **found)
+
+    def _line(self, text: str) -> str:
+        """What is an argument of `track` in a message, `` `rig=FILE` ``, a study takes as one of its settings."""
+        for folder in (self.trial.session, self.out):
+            text = text.replace(f"{folder.parents[self.trial.name.count('/')]}{os.sep}", "")
+        names = "|".join(one.name for one in fields(TrackConfig))
+        return re.sub(rf"`(?=(?:{names})[.=])", "`settings=", text.replace("`people=", "`associate.max_people="))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -177,16 +184,10 @@ def run_task(task: Task) -> Outcome:
             if task.report:
                 _write_report(recording, task)
             found = {"figures": plain(recording_figures(recording))}
-        found["warnings"] = tuple(dict.fromkeys(_in_settings(str(one.message)) for one in caught))
+        found["warnings"] = [str(one.message) for one in caught]
     except PosefuseError as error:
-        found = {"reason": _in_settings(str(error))}
+        found = {"reason": str(error)}
     return task.outcome(seconds=time.monotonic() - began, **found)
-
-
-def _in_settings(text: str) -> str:
-    """A message about a trial: what is an argument of `track` there, `` `rig=FILE` ``, a study takes as one of its settings."""
-    names = "|".join(one.name for one in fields(TrackConfig))
-    return re.sub(rf"`(?=(?:{names})[.=])", "`settings=", text.replace("`people=", "`associate.max_people="))
 
 
 def _tracked(task: Task) -> Recording:
