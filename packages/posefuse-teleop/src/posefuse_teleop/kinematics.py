@@ -318,7 +318,7 @@ class WholeBodyIk:
         weight += np.diag(np.where(chain.arm, _POSTURE, 0.0) + _CHANGE)
         target += _POSTURE * pull + _CHANGE * last
         low, high = self._bounds(q, last, dt_s)
-        rows, least = self._apart(dt_s)
+        rows, least = self._apart(last, dt_s)
         upper = np.concatenate([high, np.full(len(least), 1e30)])
         found = self._daqp.solve(weight, -target, rows, upper, np.concatenate([low, least]))
         if found[2] < 1 or not np.isfinite(found[0]).all():
@@ -350,11 +350,15 @@ class WholeBodyIk:
         down = np.minimum(speed, _braking_step(q - self.low, _EARLY * change))
         return np.clip(-down, last - change, last + change), np.clip(up, last - change, last + change)
 
-    def _apart(self, dt_s: float) -> tuple[Array, Array]:
+    def _apart(self, last: Array, dt_s: float) -> tuple[Array, Array]:
         """Linear constraints rows @ step >= least that keep pairs of bodies apart: (C, n), (C,)."""
         limits = self._limits
         distances, rows = self.chain.gaps(_WATCH_M)
-        return rows, -_braking_step(distances - limits.collision_m, _EARLY * limits.acceleration_mps2 * dt_s**2)
+        left = distances - limits.collision_m
+        # a stop ends all joints together: links come nearer for as long as the slowest to brake needs, e.g. the base
+        stop = float((np.abs(last) / self.acceleration).max()) / dt_s**2 / 2
+        nearer = np.minimum(_braking_step(left, _EARLY * limits.acceleration_mps2 * dt_s**2), np.maximum(left, 0.0) / (1 + stop))
+        return rows, -nearer
 
 
 def _per_joint(chain: Chain, name: str, arm: float | tuple[float, ...], base: float) -> Array:
