@@ -54,10 +54,12 @@ def models(
     """
     no_download = "--check" if check else "--measure" if measure else ""
     check_used(
-        ("--accept-licence", accept_licence, not no_download, f"expected a download, not {no_download}"),
-        ("--locked", locked, not no_download, f"expected a download, not {no_download}"),
-        ("--accept-licence", accept_licence, names or source, "expected the names of the networks whose terms were read"),
-        (f"--device {device}", device != "auto", measure, "goes with --measure CAMERAS RATE only"),
+        [
+            ("--accept-licence", accept_licence, not no_download, f"expected a download, not {no_download}"),
+            ("--locked", locked, not no_download, f"expected a download, not {no_download}"),
+            ("--accept-licence", accept_licence, names or source, "expected the names of the networks whose terms were read"),
+            (f"--device {device}", device != "auto", measure, "goes with --measure CAMERAS RATE only"),
+        ]
     )
     with terminal.stages() as progress:
         found = pf.models(

@@ -3,7 +3,7 @@
 import dataclasses
 import inspect
 import re
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from types import UnionType
@@ -27,7 +27,7 @@ ROS_2, SETTINGS = Group.create_ordered("ROS 2 network"), Group.create_ordered("S
 ONE_WORD: Mapping[str, Any] = {"n_tokens": 1, "accepts_keys": False, "allow_leading_hyphen": True}
 
 
-def check_used(*options: tuple[str, object, object, str]) -> None:
+def check_used(options: Iterable[tuple[str, object, object, str]]) -> None:
     """Refuse what would be ignored: rows of an option, whether it is given, whether anything takes it, and what it needs.
 
     Raises:

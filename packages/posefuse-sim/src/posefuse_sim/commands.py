@@ -43,9 +43,11 @@ def simulate(
     if (out is not None) + (gazebo is not None) + plan != 1:
         raise InputError("expected --out DIR (videos), --gazebo DIR (a world) or --plan, one of them")
     check_used(
-        (f"--for {release}", release != HARMONIC, gazebo, "goes with --gazebo DIR only"),
-        (f"--workers {workers}", workers is not None, out, "goes with --out DIR only"),
-        ("--force", force, not plan, "goes with --out DIR or --gazebo DIR only"),
+        [
+            (f"--for {release}", release != HARMONIC, gazebo, "goes with --gazebo DIR only"),
+            (f"--workers {workers}", workers is not None, out, "goes with --out DIR only"),
+            ("--force", force, not plan, "goes with --out DIR or --gazebo DIR only"),
+        ]
     )
     if plan:
         found = pf.plan(scene)
