@@ -60,7 +60,7 @@ def main() -> None:
     joints = truth.joints
     assert joints is not None, "the clip of a checkout has joint angles; that of a wheel has no truth"
     plots = angle_labels(joints, " ")
-    host.publish("setup", setup_message(rig, poses.skeleton, plots=plots), keep=True)
+    host.publish("setup", setup_message(rig, poses.skeleton), keep=True)
     cov = np.broadcast_to(np.diag([1.0, 1.0, 4.0]) * _SIGMA_M**2, (*poses.xyz_world.shape[1:3], 3, 3))
     shown = {
         name: CameraStatus(light="good", state="ok", figures="30/s", size_wh=lens.size_wh)

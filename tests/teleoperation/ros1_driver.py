@@ -12,8 +12,10 @@ from pathlib import Path
 # last, so that this environment's numpy comes first, as with --system-site-packages
 sys.path.append(sys.argv[1])
 
+import numpy as np
+
 from posefuse.core import PosefuseError
-from posefuse_teleop.follower import as_vector, standing
+from posefuse_teleop.follower import standing
 from posefuse_teleop.limits import Motion
 from posefuse_teleop.ros_robot import open_ros_robot
 from posefuse_teleop.settings import RobotSettings, RosPlan, TeleoperationSettings
@@ -30,7 +32,7 @@ except PosefuseError as error:
 first = robot.state()
 print(json.dumps([first.xyz_world[0].tolist(), first.q_rad.tolist(), first.fault]), flush=True)
 while True:
-    moves = Motion(position=as_vector(first.xyz_world[0] + [0.0, 0.002, 0.0]), velocity=(0.0, 0.2, 0.1))
+    moves = Motion(position=first.xyz_world[0] + [0.0, 0.002, 0.0], velocity=np.array([0.0, 0.2, 0.1]))
     robot.move(replace(standing(first.xyz_world, first.wxyz), moves=(moves,), limited=""), 0.01)
     time.sleep(0.02)
     robot.state()

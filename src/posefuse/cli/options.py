@@ -3,7 +3,7 @@
 import dataclasses
 import inspect
 import re
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from types import UnionType
@@ -11,6 +11,7 @@ from typing import Annotated, Any, Literal, TypeVar, Union, get_args, get_origin
 
 from cyclopts import Group, Parameter
 
+from posefuse.core import ConfigError
 from posefuse.core.extras import package_of_extra
 
 from .terminal import Terminal, option_of
@@ -24,6 +25,17 @@ CAMERAS, TIMING, OUTPUTS = Group.create_ordered("Cameras"), Group.create_ordered
 ROS_2, SETTINGS = Group.create_ordered("ROS 2 network"), Group.create_ordered("Settings")
 # coordinates may begin with a minus
 ONE_WORD: Mapping[str, Any] = {"n_tokens": 1, "accepts_keys": False, "allow_leading_hyphen": True}
+
+
+def check_used(options: Iterable[tuple[str, object, object, str]]) -> None:
+    """Refuse what would be ignored: rows of an option, whether it is given, whether anything takes it, and what it needs.
+
+    Raises:
+        ConfigError: one that is given and that nothing takes.
+    """
+    for option, given, used, needs in options:
+        if given and not used:
+            raise ConfigError(f"{option}: {needs}")
 
 
 def without_package(module: str, extra: str) -> Callable[..., Figures]:

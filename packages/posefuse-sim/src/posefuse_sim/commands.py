@@ -8,7 +8,7 @@ from typing import Annotated, Any
 from cyclopts import Parameter
 
 import posefuse as pf
-from posefuse.cli.options import Figures, Shown, count
+from posefuse.cli.options import Figures, Shown, check_used, count
 from posefuse.cli.terminal import quoted
 
 HARMONIC = "harmonic"
@@ -42,10 +42,13 @@ def simulate(
 
     if (out is not None) + (gazebo is not None) + plan != 1:
         raise InputError("expected --out DIR (videos), --gazebo DIR (a world) or --plan, one of them")
-    if release != HARMONIC and gazebo is None:
-        raise InputError(f"--for {release}: goes with --gazebo DIR only")
-    if workers is not None and out is None:
-        raise InputError(f"--workers {workers}: goes with --out DIR only")
+    check_used(
+        [
+            (f"--for {release}", release != HARMONIC, gazebo, "goes with --gazebo DIR only"),
+            (f"--workers {workers}", workers is not None, out, "goes with --out DIR only"),
+            ("--force", force, not plan, "goes with --out DIR or --gazebo DIR only"),
+        ]
+    )
     if plan:
         found = pf.plan(scene)
         terminal.show(found.summary())

@@ -13,7 +13,7 @@ import numpy as np
 from annotated_types import Ge, Gt
 from pydantic import Field
 
-from posefuse.calibration.targets.kinds import board_picture
+from posefuse.calibration.targets.kinds import black_modules, board_picture
 from posefuse.core import SE3, ConfigError
 from posefuse.core.arrays import Array, freeze_fields
 from posefuse.core.errors import choices
@@ -113,7 +113,8 @@ def _turned(yaw_pitch_roll: Array, xyz: Array) -> SE3:
     return yaw @ pitch @ roll
 
 
-_FACE_PX = 512
+# about so wide is a face of a cube: two rows of three are no more than 2048 x 1024
+_FACE_PX = 500
 _PLATE_M = 0.004
 # of the faces of a box, the side of a plate that is printed
 _PRINTED = 4
@@ -249,10 +250,9 @@ def prop_from_settings(prop: ArucoCube | CharucoBoard | GroundTile) -> Prop:
     if prop.marker_m >= prop.side_m:
         raise ConfigError(f"prop {prop.name}: marker_m {prop.marker_m} leaves no white border inside side_m {prop.side_m}")
     if isinstance(prop, GroundTile):
-        picture, half_uv = _marker_face(prop.name, prop.dictionary, prop.id, prop.side_m / prop.marker_m)
         corners = _BOX[_PRINTED] * np.array([prop.marker_m, prop.marker_m, _PLATE_M]) / 2
-        mesh = _plate(prop.side_m, prop.side_m, half_uv)
-        return _made(prop, np.array([prop.id]), corners[None], _NO_CHESS, mesh, picture)
+        plate = _plate(np.full(2, prop.side_m), *_marker_print(prop, prop.id))
+        return _made(prop, np.array([prop.id]), corners[None], _NO_CHESS, plate)
     return _cube(prop)
 
 
@@ -261,13 +261,13 @@ def _cube(prop: ArucoCube) -> Prop:
     ids = prop.first_id + np.arange(6)
     pictures, uv = [], []
     for i, marker_id in enumerate(ids.tolist()):
-        picture, half_uv = _marker_face(prop.name, prop.dictionary, marker_id, prop.side_m / prop.marker_m)
+        picture, half_uv = _marker_print(prop, marker_id)
         pictures.append(picture)
         uv.append((0.5 + half_uv * _SQUARE_UV + [i % 3, i // 3]) / [3, 2])
-    atlas, used = _power_of_two(np.vstack([np.hstack(pictures[:3]), np.hstack(pictures[3:])]))
-    mesh = half * _BOX.reshape(-1, 3), np.concatenate(uv) * used, _BOX_TRIANGLES
+    atlas = np.vstack([np.hstack(pictures[:3]), np.hstack(pictures[3:])])
     normal = _CUBE_FACES[:, :1]
-    return _made(prop, ids, half * normal + prop.marker_m / 2 * (_BOX - normal), _NO_CHESS, mesh, atlas)
+    corners = half * normal + prop.marker_m / 2 * (_BOX - normal)
+    return _made(prop, ids, corners, _NO_CHESS, (half * _BOX.reshape(-1, 3), np.concatenate(uv), atlas))
 
 
 def _board(prop: CharucoBoard) -> Prop:
@@ -277,15 +277,9 @@ def _board(prop: CharucoBoard) -> Prop:
     dictionary = _dictionary(prop.name, prop.dictionary, (columns * rows) // 2 - 1)
     board = cv2.aruco.CharucoBoard((columns, rows), prop.square_m, prop.marker_m, dictionary)
     square_px = max(48, 1536 // max(columns, rows))
-    picture = np.round(_PAPER_WHITE * board_picture(board, square_px)).astype(np.uint8)
-    margin_px = int(np.ceil(_MARGIN_M / prop.square_m * square_px)) + 1
-    picture = np.pad(picture, margin_px, constant_values=_PAPER_WHITE)
-    height, width = picture.shape
     size_m = np.array([columns, rows]) * prop.square_m
     full_m = size_m + 2 * _MARGIN_M
-    half_uv = full_m / prop.square_m * square_px / np.array([width, height]) / 2
-    vertices, uv, faces = _plate(full_m[0], full_m[1], half_uv)
-    texture, used = _power_of_two(_rgb(picture))
+    plate = _plate(full_m, *_printed(board_picture(board, square_px), square_px / prop.square_m, full_m))
 
     # OpenCV's board has its origin at the top left, y down
     def centred(points: Array) -> Array:
@@ -294,45 +288,44 @@ def _board(prop: CharucoBoard) -> Prop:
 
     ids, markers = np.asarray(board.getIds()).ravel(), centred(np.array(board.getObjPoints()))
     chess = centred(np.asarray(board.getChessboardCorners()))
-    return _made(prop, ids, markers, chess, (vertices, uv * used, faces), texture)
+    return _made(prop, ids, markers, chess, plate)
 
 
 def _made(
-    prop: ArucoCube | CharucoBoard | GroundTile,
-    ids: Array,
-    corners: Array,
-    chess: Array,
-    mesh: tuple[Array, Array, Array],
-    texture: Array,
+    prop: ArucoCube | CharucoBoard | GroundTile, ids: Array, corners: Array, chess: Array, shown: tuple[Array, Array, Array]
 ) -> Prop:
-    """A prop of ids (M,), corners (M, 4, 3) and chess (Q, 3), and a mesh of vertices, uv, faces."""
+    """A prop of ids (M,), corners (M, 4, 3) and chess (Q, 3); shown: vertices and texture coordinates of a box, and an image."""
     about: dict[str, Any] = {name: getattr(prop, name) for name in ("name", "kind", "dictionary", "path")}
-    vertices, uv, faces = mesh
-    about |= {"vertices": vertices, "uv": uv, "faces": faces}
-    return Prop(**about, marker_id=ids, corners_prop=corners, chess_prop=chess, texture=texture)
+    vertices, uv, picture = shown
+    texture, used = _power_of_two(picture)
+    about |= {"vertices": vertices, "uv": uv * used, "faces": _BOX_TRIANGLES, "texture": texture}
+    return Prop(**about, marker_id=ids, corners_prop=corners, chess_prop=chess)
 
 
-def _plate(width_m: float, height_m: float, half_uv: Array | float) -> tuple[Array, Array, Array]:
-    """A thin box, printed on its +z side and plain elsewhere: vertices (24, 3), uv (24, 2), faces (12, 3)."""
+def _plate(size_m: Array, picture: Array, half_uv: Array) -> tuple[Array, Array, Array]:
+    """A thin box, printed on its +z side and plain elsewhere: vertices (24, 3), uv (24, 2), and the image as it was given."""
     # the unprinted sides show one white spot of the border
     uv = np.tile(0.5 - half_uv * np.ones(2), (6, 4, 1))
     uv[_PRINTED] = 0.5 + half_uv * _SQUARE_UV
-    return (_BOX * np.array([width_m, height_m, _PLATE_M]) / 2).reshape(-1, 3), uv.reshape(-1, 2), _BOX_TRIANGLES
+    return (_BOX * np.array([*size_m, _PLATE_M]) / 2).reshape(-1, 3), uv.reshape(-1, 2), picture
 
 
-def _marker_face(name: str, dictionary_name: str, marker_id: int, side_per_marker: float) -> tuple[Array, float]:
-    """Image of a white square with a marker in its middle, and half the face's edge in texture coordinates."""
-    dictionary = _dictionary(name, dictionary_name, marker_id)
-    cells = dictionary.markerSize + 2
-    # an even number, so that the marker's centre is the face's
-    marker_px = int(_FACE_PX / side_per_marker / (2 * cells)) * 2 * cells
-    if marker_px < cells:
-        raise ConfigError(f"prop {name}: side_m is {side_per_marker:.0f} times marker_m, too much to draw; at most 25")
-    marker = dictionary.generateImageMarker(marker_id, marker_px)
-    face = np.full((_FACE_PX, _FACE_PX), _PAPER_WHITE, np.uint8)
-    first = (_FACE_PX - marker_px) // 2
-    face[first : first + marker_px, first : first + marker_px] = np.minimum(marker, _PAPER_WHITE)
-    return _rgb(face), marker_px * side_per_marker / _FACE_PX / 2
+def _marker_print(prop: ArucoCube | GroundTile, marker_id: int) -> tuple[Array, Array]:
+    """One marker in the middle of a square side, see `_printed`."""
+    black = black_modules(_dictionary(prop.name, prop.dictionary, marker_id), marker_id)
+    module_px = int(_FACE_PX * prop.marker_m / prop.side_m / len(black))
+    if module_px < 1:
+        raise ConfigError(f"prop {prop.name}: marker_m {prop.marker_m} is too small to be drawn on side_m {prop.side_m}")
+    white = 1 - np.kron(black, np.ones((module_px, module_px)))
+    return _printed(white, len(black) * module_px / prop.marker_m, np.full(2, prop.side_m))
+
+
+def _printed(white: Array, px_per_m: float, size_m: Array) -> tuple[Array, Array]:
+    """White shares (h, w) in the middle of a paper of (2,) m: the RGB image, and half the paper in texture coordinates (2,)."""
+    size_px = np.array(white.shape[::-1])
+    margin_px = int(np.ceil((size_m * px_per_m - size_px).max() / 2)) + 1
+    picture = np.pad(np.round(_PAPER_WHITE * white).astype(np.uint8), margin_px, constant_values=_PAPER_WHITE)
+    return np.repeat(picture[..., None], 3, axis=-1), size_m * px_per_m / (size_px + 2 * margin_px) / 2
 
 
 def _dictionary(name: str, dictionary_name: str, highest_id: int) -> cv2.aruco.Dictionary:
@@ -355,7 +348,3 @@ def _power_of_two(picture: Array) -> tuple[Array, Array]:
     full_height, full_width = (1 << (side - 1).bit_length() for side in (height, width))
     padding = ((0, full_height - height), (0, full_width - width), (0, 0))
     return np.pad(picture, padding, constant_values=_PAPER_WHITE), np.array([width / full_width, height / full_height])
-
-
-def _rgb(grey: Array) -> Array:
-    return np.repeat(np.asarray(grey, np.uint8)[..., None], 3, axis=-1)

@@ -7,7 +7,7 @@ The head has the kind, JSON values, and in ``arrays`` how many numbers each arra
   metres, NaN where unknown, and ``shapes``, (N, K, 3, 3): L of each ellipsoid ``{x + L u : |u| <= 1}``, NaN where there is none.
 - image: ``t_s``, ``camera``, ``width``, ``height``, ``detections`` D, ``people`` N, ``keypoints`` K, ``rgba``; arrays ``seen``,
   (D, K, 2), and ``fused``, (N, K, 2), pixels of this image; the file is a JPEG, empty where the camera has no image at this time.
-- values: ``t_s``; array ``values``, (V, 2): value and standard deviation, in the order of the setup's plots.
+- values: ``t_s``; array ``values``, (V, 2): value and standard deviation, in the order of `SessionStatus.plots`.
 """
 
 from __future__ import annotations
@@ -99,20 +99,18 @@ def setup_message(
     rig: Rig | None = None,
     skeleton: Skeleton | None = None,
     *,
-    plots: Sequence[str] = (),
     faulty: Sequence[str] = (),
     centre_cov: Mapping[str, Array] | None = None,
 ) -> bytes:
     """What stays of a scene.
 
     Args:
-        rig: cameras to draw. skeleton: of the poses to come. plots: names of the values to come. faulty: cameras drawn in red.
+        rig: cameras to draw. skeleton: of the poses to come. faulty: cameras drawn in red.
         centre_cov: (3, 3) covariance of camera centres in m^2, by name; drawn as ellipsoids.
     """
     content = {
         "cameras": [_camera(camera, camera.name in faulty, (centre_cov or {}).get(camera.name)) for camera in rig or ()],
         "floor": _floor(rig),
-        "plots": list(plots),
         **(_bones(skeleton) if skeleton is not None else {"bones": [], "bone_rgb": [], "keypoint_rgb": [], "trails": []}),
     }
     return page_message("setup", content=content)

@@ -17,6 +17,7 @@ from posefuse.cli.options import (
     Ros2Options,
     Shown,
     Sources,
+    check_used,
     positive,
     settings_options,
 )
@@ -203,17 +204,17 @@ def teleoperate(
 def _check_used(robot: RobotOptions, ros: RosRobotOptions) -> None:
     """Raise ConfigError for an option that nothing takes."""
     wanted, joints = ros.ros or ros.ros1, ros.command == "joints"
-    for option, given, used, needs in (
-        ("--command", ros.command, wanted, "needs --ros or --ros1"),
-        ("--controller", ros.controller != RosPlan.controller, joints, "needs --command joints"),
-        ("--cmd-vel", ros.cmd_vel, joints, "needs --command joints"),
-        ("--cmd-vel-twist", ros.cmd_vel_twist, ros.cmd_vel, "needs --cmd-vel TOPIC"),
-        ("--base-frame", ros.base_frame != RosPlan.base_frame, ros.command, "needs --command"),
-        ("--robot", robot.robot != "sim", joints or not ros.command, f"--command {ros.command} knows no model of the robot"),
-        ("--view", robot.view, not ros.command, "shows the simulated robot; --view-scene shows the one of --command"),
-    ):
-        if given and not used:
-            raise ConfigError(f"{option}: {needs}")
+    check_used(
+        [
+            ("--command", ros.command, wanted, "needs --ros or --ros1"),
+            ("--controller", ros.controller != RosPlan.controller, joints, "needs --command joints"),
+            ("--cmd-vel", ros.cmd_vel, joints, "needs --command joints"),
+            ("--cmd-vel-twist", ros.cmd_vel_twist, ros.cmd_vel, "needs --cmd-vel TOPIC"),
+            ("--base-frame", ros.base_frame != RosPlan.base_frame, ros.command, "needs --command"),
+            ("--robot", robot.robot != "sim", joints or not ros.command, f"--command {ros.command} knows no model of the robot"),
+            ("--view", robot.view, not ros.command, "shows the simulated robot; --view-scene shows the one of --command"),
+        ]
+    )
     if ros.ros and ros.ros1:
         raise ConfigError("--ros --ros1: expected one of them")
 

@@ -16,7 +16,7 @@ import numpy as np
 from posefuse.core.arrays import Array
 from posefuse.core.se3 import quaternion_product, wxyz_from_rotvec
 
-from .limits import Bounds, Motion, Vector, brake, follow, rebased
+from .limits import Bounds, Motion, brake, follow, rebased
 from .mapping import rotvec_between
 from .settings import JERK_MPS3, TURN_ACCELERATION_RADPS2, TURN_JERK_RADPS3, LimitSettings, TeleoperationSettings
 from .values import Order, Phase, RobotState
@@ -81,7 +81,7 @@ class Follower:
 def standing(xyz: Array, wxyz: Array) -> Follower:
     """A robot that stands at (H, 3), (H, 4)."""
     return Follower(
-        moves=tuple(Motion(position=as_vector(one)) for one in xyz),
+        moves=tuple(Motion(position=np.array(one)) for one in xyz),
         turns=tuple(Motion() for _ in xyz),
         wxyz=np.array(wxyz, np.float64),
     )
@@ -123,17 +123,11 @@ def step_follower(
         speed_mps = order.speed_mps * pace
         turn_rate_radps = speed_mps / limits.speed_mps * limits.turn_rate_radps
         moves = tuple(
-            follow(move, as_vector(target), move_bounds(limits), speed_mps, dt_s)
+            follow(move, target, move_bounds(limits), speed_mps, dt_s)
             for move, target in zip(follower.moves, order.xyz_world, strict=True)
         )
         turns = tuple(
-            follow(
-                rebased(turn),
-                as_vector(rotvec_between(here, target)),
-                turn_bounds(limits),
-                turn_rate_radps,
-                dt_s,
-            )
+            follow(rebased(turn), rotvec_between(here, target), turn_bounds(limits), turn_rate_radps, dt_s)
             for turn, here, target in zip(follower.turns, follower.wxyz, order.wxyz, strict=True)
         )
     return replace(follower, moves=moves, turns=turns, wxyz=_turned(follower.wxyz, turns), limited=why)
@@ -151,7 +145,7 @@ def _why_brake(follower: Follower, now_ns: int, settings: TeleoperationSettings,
 
 
 def _turned(wxyz: Array, turns: tuple[Motion, ...]) -> Array:
-    if not any(any(turn.position) for turn in turns):
+    if not any(turn.position.any() for turn in turns):
         return wxyz
     turned = quaternion_product(wxyz_from_rotvec(np.array([turn.position for turn in turns])), wxyz)
     return np.asarray(turned / np.linalg.norm(turned, axis=1, keepdims=True))
@@ -171,11 +165,6 @@ def move_bounds(limits: LimitSettings) -> Bounds:
 def turn_bounds(limits: LimitSettings) -> Bounds:
     """Limits of its orientation."""
     return Bounds(speed=limits.turn_rate_radps, acceleration=TURN_ACCELERATION_RADPS2, jerk=TURN_JERK_RADPS3)
-
-
-def as_vector(one: Array) -> Vector:
-    """Three numbers as the limits take them."""
-    return float(one[0]), float(one[1]), float(one[2])
 
 
 class Robot(Protocol):
@@ -265,7 +254,7 @@ def _as_commanded(wanted: Follower, before: Follower, robot: RobotState, dt_s: f
     if off_m == 0 and off_rad == 0:
         return wanted
     if off_m < _NEAR_M and off_rad < _NEAR_RAD:
-        near = (replace(move, position=as_vector(xyz)) for move, xyz in zip(wanted.moves, robot.xyz_world, strict=True))
+        near = (replace(move, position=xyz) for move, xyz in zip(wanted.moves, robot.xyz_world, strict=True))
         return replace(wanted, moves=tuple(near), wxyz=robot.wxyz)
     moves = map(partial(_moved, dt_s=dt_s), wanted.moves, before.moves, robot.xyz_world, robot.velocity_world)
     turned = map(rotvec_between, before.wxyz, robot.wxyz)
@@ -277,6 +266,4 @@ def _as_commanded(wanted: Follower, before: Follower, robot: RobotState, dt_s: f
 def _moved(wanted: Motion, before: Motion, position: Array, velocity: Array, *, dt_s: float) -> Motion:
     """A motion that did another step than the wanted one."""
     change = np.subtract(velocity, before.velocity) / dt_s
-    return replace(
-        wanted, position=as_vector(position), velocity=as_vector(velocity), acceleration=as_vector(change), exact=False
-    )
+    return replace(wanted, position=position, velocity=velocity, acceleration=change, exact=False)

@@ -8,8 +8,6 @@ stop, as in fail-safe motion planning (Pek and Althoff 2018), and no limit depen
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
 
 from posefuse.core import SE3
@@ -18,6 +16,7 @@ from posefuse.core.se3 import quaternion_product
 
 from .follower import FOLLOWS_M, FOLLOWS_RAD, Follower
 from .kinematics import Chain, WholeBodyIk
+from .limits import first_inside, last_inside, norm
 from .settings import STOP_CONDITION, TURN_ACCELERATION_RADPS2, LimitSettings
 from .values import RobotState
 
@@ -199,7 +198,7 @@ class Joints:
         if float(np.einsum("hi,hi->h", change, change).max()) <= most * most:
             return least, there
         way = self._ends(q + share * along) - there
-        parts = [_first_inside(a, b, most) for a, b in zip(change, way, strict=True)]
+        parts = [first_inside(a, b, most) for a, b in zip(change, way, strict=True)]
         slowed = least + max(parts) * (share - least)
         return slowed, self._ends(q + slowed * along)
 
@@ -238,31 +237,6 @@ def _share_of_way(start: Array, end: Array, last: Array, speed: float, change: f
     """How much of the way between vectors (H, 3) of one step keeps its length and its difference from the last step."""
     shares = [1.0]
     for a, b, before in zip(start, end, last, strict=True):
-        shares.append(_last_inside(a - before, b - a, _STEP * change))
-        shares.append(_last_inside(a, b - a, max(_STEP * speed, _norm(a))))
+        shares.append(last_inside(a - before, b - a, _STEP * change))
+        shares.append(last_inside(a, b - a, max(_STEP * speed, norm(a))))
     return min(shares)
-
-
-def _norm(v: Array) -> float:
-    return math.sqrt(float(v @ v))
-
-
-def _last_inside(start: Array, way: Array, radius: float) -> float:
-    """Largest share of the way from start, in 0..1, that stays in a ball about 0; start lies in it, up to rounding."""
-    roots = _crossings(start, way, radius)
-    return 1.0 if roots is None and _norm(start) <= radius else 0.0 if roots is None else min(1.0, max(0.0, roots[1]))
-
-
-def _first_inside(start: Array, way: Array, radius: float) -> float:
-    """Least share of the way from start, in 0..1, that lies in a ball about 0; 1 where it does not come there."""
-    roots = _crossings(start, way, radius)
-    return 1.0 if roots is None else min(1.0, max(0.0, roots[0]))
-
-
-def _crossings(start: Array, way: Array, radius: float) -> tuple[float, float] | None:
-    """Shares of the way where a straight line enters and leaves a ball about 0; None: it does not."""
-    a, b, c = float(way @ way), float(start @ way), float(start @ start) - radius * radius
-    inside = b * b - a * c
-    if a <= 0.0 or inside < 0.0:
-        return None
-    return (-b - math.sqrt(inside)) / a, (-b + math.sqrt(inside)) / a

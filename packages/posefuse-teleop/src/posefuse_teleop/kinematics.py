@@ -1,8 +1,8 @@
 """Kinematics of the robot in an MJCF model, and differential inverse kinematics of its whole body.
 
 The inverse kinematics is one quadratic program per control step. Unknowns are the steps of all joints that move an end effector.
-Minimised are the errors of the end effectors, then (weakly) the distance from a comfortable posture, the motion of the base, and
-changes of joint velocity; constraints are joint limits with a margin, speed and acceleration of the joints, and distances between
+Minimised are the errors of the end effectors, then (weakly) the distance from a comfortable posture and the motion of the base;
+constraints are joint limits with a margin, speed and acceleration of the joints, and distances between
 the own bodies of the robot. The formulation is the usual one (Escande et al. 2014; the linearised distances after Faverjon and
 Tournassoud 1987); the program is solved by DAQP (Arnström et al. 2022).
 """
@@ -260,7 +260,7 @@ def _with_children(model: Any, roots: set[int]) -> list[int]:
 
 # weights: errors count per m^2 and, by this length, per rad^2
 _TURN_LENGTH_M = 0.3
-_DAMPING, _BASE_DAMPING, _POSTURE, _CHANGE = 1e-6, 3e-4, 2e-5, 2e-5
+_DAMPING, _BASE_DAMPING, _POSTURE = 1e-6, 3e-4, 2e-5
 _POSTURE_PER_S = 0.5
 # the arm works alone while it is stretched to between the inner shares of its length and its condition number is below the first;
 # from the outer ones on the base moves freely
@@ -270,9 +270,6 @@ _EASY_CONDITION, _HARD_CONDITION = 8.0, 16.0
 _SLOWEST = 0.1
 # a pair of bodies nearer than this is watched
 _WATCH_M = 0.2
-# share of the acceleration with which the program brakes before limits of joints and distances; the rest is for what it does not
-# see: the path of the end effectors, and joints that have to brake together
-_EARLY = 0.4
 
 
 class WholeBodyIk:
@@ -315,10 +312,10 @@ class WholeBodyIk:
             weight += scaled.T @ scaled
             target += scaled.T @ error
         pull = np.where(chain.arm, _POSTURE_PER_S * dt_s * (self.comfort - q), 0.0)
-        weight += np.diag(np.where(chain.arm, _POSTURE, 0.0) + _CHANGE)
-        target += _POSTURE * pull + _CHANGE * last
+        weight += np.diag(np.where(chain.arm, _POSTURE, 0.0))
+        target += _POSTURE * pull
         low, high = self._bounds(q, last, dt_s)
-        rows, least = self._apart(dt_s)
+        rows, least = self._apart(last, dt_s)
         upper = np.concatenate([high, np.full(len(least), 1e30)])
         found = self._daqp.solve(weight, -target, rows, upper, np.concatenate([low, least]))
         if found[2] < 1 or not np.isfinite(found[0]).all():
@@ -346,15 +343,16 @@ class WholeBodyIk:
         """Least and most step of each joint. One that is past its limit may come back only."""
         arm, change = self.chain.arm, self.acceleration * dt_s**2
         speed = dt_s * self.speed * (1.0 if arm.all() else np.where(arm, 1.0, self._base_share()))
-        up = np.minimum(speed, _braking_step(self.high - q, _EARLY * change))
-        down = np.minimum(speed, _braking_step(q - self.low, _EARLY * change))
+        up = np.minimum(speed, _braking_step(self.high - q, change))
+        down = np.minimum(speed, _braking_step(q - self.low, change))
         return np.clip(-down, last - change, last + change), np.clip(up, last - change, last + change)
 
-    def _apart(self, dt_s: float) -> tuple[Array, Array]:
+    def _apart(self, last: Array, dt_s: float) -> tuple[Array, Array]:
         """Linear constraints rows @ step >= least that keep pairs of bodies apart: (C, n), (C,)."""
-        limits = self._limits
         distances, rows = self.chain.gaps(_WATCH_M)
-        return rows, -_braking_step(distances - limits.collision_m, _EARLY * limits.acceleration_mps2 * dt_s**2)
+        # a stop ends all joints together: links come nearer for as long as the slowest to brake needs, e.g. the base
+        steps = float((np.abs(last) / self.acceleration).max()) / dt_s**2 / 2
+        return rows, -np.maximum(distances - self._limits.collision_m, 0.0) / (1 + steps)
 
 
 def _per_joint(chain: Chain, name: str, arm: float | tuple[float, ...], base: float) -> Array:

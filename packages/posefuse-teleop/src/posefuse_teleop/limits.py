@@ -16,11 +16,14 @@ The jerk limit is for comfort; braking ignores it.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
-Vector = tuple[float, float, float]
-ZERO: Vector = (0.0, 0.0, 0.0)
-_NO_WALL = (-math.inf, -math.inf, -math.inf), (math.inf, math.inf, math.inf)
+import numpy as np
+
+from posefuse.core.arrays import Array
+
+from .settings import Corner
+
 # the velocity of the target is averaged over so long, to be followed without lag where limits bind
 _TARGET_VELOCITY_S = 0.1
 # how fast what was missed is made up for, and how fast the velocity follows the wanted one: about critically damped together.
@@ -40,19 +43,23 @@ class Bounds:
     speed: float
     acceleration: float
     jerk: float
-    low: Vector = _NO_WALL[0]
-    high: Vector = _NO_WALL[1]
+    low: Corner | float = -math.inf
+    high: Corner | float = math.inf
 
 
-@dataclass(frozen=True, kw_only=True)
+def _zero() -> Array:
+    return np.zeros(3)
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
 class Motion:
-    """State of a limited motion. target_velocity: mean. exact: the target was met exactly in the last step."""
+    """State of a limited motion, (3,) each. target_velocity: mean. exact: the target was met exactly in the last step."""
 
-    position: Vector = ZERO
-    velocity: Vector = ZERO
-    acceleration: Vector = ZERO
-    target: Vector | None = None
-    target_velocity: Vector = ZERO
+    position: Array = field(default_factory=_zero)
+    velocity: Array = field(default_factory=_zero)
+    acceleration: Array = field(default_factory=_zero)
+    target: Array | None = None
+    target_velocity: Array = field(default_factory=_zero)
     exact: bool = False
 
     @property
@@ -61,16 +68,16 @@ class Motion:
         return norm(self.velocity)
 
 
-def norm(v: Vector) -> float:
+def norm(v: Array) -> float:
     """Length."""
-    return math.sqrt(v[0] * v[0] + v[1] * v[1] + v[2] * v[2])
+    return math.sqrt(float(v @ v))
 
 
-def follow(motion: Motion, target: Vector, bounds: Bounds, speed: float, dt_s: float) -> Motion:
+def follow(motion: Motion, target: Array, bounds: Bounds, speed: float, dt_s: float) -> Motion:
     """One step towards the target. `speed`: limit now, at most that of the bounds counts."""
     speed = min(max(speed, 0.0), bounds.speed)
     mean = _target_velocity(motion, target, bounds, dt_s)
-    exact = _scaled(_minus(target, motion.position), 1 / dt_s)
+    exact = (target - motion.position) * (1 / dt_s)
     if _in_step(exact, mean, motion) and _keeps_all(exact, motion, bounds, speed, dt_s):
         return replace(_moved(motion, exact, dt_s, target, mean), exact=True)
     wanted = _limited_jerk(motion, _catching_up(motion, target, mean, bounds, speed), bounds, dt_s)
@@ -79,7 +86,7 @@ def follow(motion: Motion, target: Vector, bounds: Bounds, speed: float, dt_s: f
 
 def rebased(motion: Motion) -> Motion:
     """The same motion with its position as the new origin."""
-    return replace(motion, position=ZERO, target=_minus(motion.target, motion.position) if motion.target else None)
+    return replace(motion, position=_zero(), target=None if motion.target is None else motion.target - motion.position)
 
 
 def brake(motion: Motion, bounds: Bounds, dt_s: float, left_out: int = 0) -> Motion:
@@ -89,133 +96,125 @@ def brake(motion: Motion, bounds: Bounds, dt_s: float, left_out: int = 0) -> Mot
     """
     for _ in range(left_out):
         motion = replace(motion, velocity=brake(motion, bounds, dt_s).velocity)
-    speed = motion.speed
-    left = max(0.0, speed - bounds.acceleration * dt_s)
-    wanted = _scaled(motion.velocity, left / speed) if speed > 0 else ZERO
-    return _moved(motion, _nearest_allowed(wanted, motion, bounds, 0.0, dt_s), dt_s, None, ZERO)
+    wanted = _hard_braked(motion.velocity, bounds.acceleration * dt_s)
+    return _moved(motion, _nearest_allowed(wanted, motion, bounds, 0.0, dt_s), dt_s, None, _zero())
 
 
-def _moved(motion: Motion, velocity: Vector, dt_s: float, target: Vector | None, mean: Vector) -> Motion:
+def _moved(motion: Motion, velocity: Array, dt_s: float, target: Array | None, mean: Array) -> Motion:
     return Motion(
-        position=_plus(motion.position, _scaled(velocity, dt_s)),
+        position=motion.position + velocity * dt_s,
         velocity=velocity,
-        acceleration=_scaled(_minus(velocity, motion.velocity), 1 / dt_s),
+        acceleration=(velocity - motion.velocity) * (1 / dt_s),
         target=target,
         target_velocity=mean,
     )
 
 
-def _target_velocity(motion: Motion, target: Vector, bounds: Bounds, dt_s: float) -> Vector:
+def _target_velocity(motion: Motion, target: Array, bounds: Bounds, dt_s: float) -> Array:
     if motion.target is None:
-        return ZERO
+        return _zero()
     share = dt_s / (_TARGET_VELOCITY_S + dt_s)
-    now = _shortened(_scaled(_minus(target, motion.target), 1 / dt_s), bounds.speed)
-    return _plus(_scaled(motion.target_velocity, 1 - share), _scaled(now, share))
+    now = _shortened((target - motion.target) * (1 / dt_s), bounds.speed)
+    return motion.target_velocity * (1 - share) + now * share
 
 
-def _in_step(exact: Vector, mean: Vector, motion: Motion) -> bool:
+def _in_step(exact: Array, mean: Array, motion: Motion) -> bool:
     """Whether the motion meets the target already, or as evenly as the target moves: a noisy one would be thrown about."""
-    return motion.exact or norm(_minus(exact, mean)) <= _JOIN_PER_S
+    return motion.exact or norm(exact - mean) <= _JOIN_PER_S
 
 
-def _keeps_all(velocity: Vector, motion: Motion, bounds: Bounds, speed: float, dt_s: float) -> bool:
+def _keeps_all(velocity: Array, motion: Motion, bounds: Bounds, speed: float, dt_s: float) -> bool:
     if norm(velocity) > speed:
         return False
-    acceleration = _scaled(_minus(velocity, motion.velocity), 1 / dt_s)
-    if norm(acceleration) > bounds.acceleration or norm(_minus(acceleration, motion.acceleration)) > bounds.jerk * dt_s:
+    acceleration = (velocity - motion.velocity) * (1 / dt_s)
+    if norm(acceleration) > bounds.acceleration or norm(acceleration - motion.acceleration) > bounds.jerk * dt_s:
         return False
     low, high = _caps(motion.position, bounds, dt_s)
-    return all(low[i] <= velocity[i] <= high[i] for i in range(3))
+    return bool(((low <= velocity) & (velocity <= high)).all())
 
 
-def _catching_up(motion: Motion, target: Vector, mean: Vector, bounds: Bounds, speed: float) -> Vector:
+def _catching_up(motion: Motion, target: Array, mean: Array, bounds: Bounds, speed: float) -> Array:
     """Velocity that follows the target's and makes up for the distance, with time left to brake."""
-    missing = _minus(target, motion.position)
+    missing = target - motion.position
     far = norm(missing)
     if far <= 0.0:
         return _shortened(mean, speed)
     rate = min(_CATCH_UP_PER_S * far, math.sqrt(2 * _CATCH_UP_SHARE * bounds.acceleration * far))
-    return _shortened(_plus(mean, _scaled(missing, rate / far)), speed)
+    return _shortened(mean + missing * (rate / far), speed)
 
 
-def _limited_jerk(motion: Motion, wanted: Vector, bounds: Bounds, dt_s: float) -> Vector:
+def _limited_jerk(motion: Motion, wanted: Array, bounds: Bounds, dt_s: float) -> Array:
     """Velocity after one step towards the wanted one, within acceleration and jerk, so that it is met without overshoot."""
-    gap = _minus(wanted, motion.velocity)
+    gap = wanted - motion.velocity
     size = norm(gap)
     rate = min(_FOLLOW_PER_S * size, math.sqrt(2 * bounds.jerk * size), bounds.acceleration)
-    acceleration = _scaled(gap, rate / size) if size > 0 else ZERO
-    change = _shortened(_minus(acceleration, motion.acceleration), bounds.jerk * dt_s)
-    return _plus(motion.velocity, _scaled(_plus(motion.acceleration, change), dt_s))
+    acceleration = gap * (rate / size) if size > 0 else _zero()
+    change = _shortened(acceleration - motion.acceleration, bounds.jerk * dt_s)
+    return np.asarray(motion.velocity + (motion.acceleration + change) * dt_s)
 
 
-def _nearest_allowed(wanted: Vector, motion: Motion, bounds: Bounds, speed: float, dt_s: float) -> Vector:
+def _nearest_allowed(wanted: Array, motion: Motion, bounds: Bounds, speed: float, dt_s: float) -> Array:
     """The velocity nearest to the wanted one on the straight line from braking on all axes, which is always allowed."""
     most = bounds.acceleration * dt_s
-    step = most / math.sqrt(3.0)
     v = motion.velocity
-    safe = tuple(math.copysign(max(0.0, abs(one) - step), one) for one in v)
-    start: Vector = (safe[0], safe[1], safe[2])
-    way = _minus(wanted, start)
+    start = np.copysign(np.maximum(0.0, np.abs(v) - most / math.sqrt(3.0)), v)
+    way = wanted - start
     low, high = _caps(motion.position, bounds, dt_s)
     share = min(
         1.0,
-        _share_in_ball(_minus(start, v), way, most),
-        _share_in_ball(start, way, max(speed, norm(_hard_braked(v, most)), norm(start))),
-        *(_share_below(start[i], way[i], high[i]) for i in range(3)),
-        *(_share_below(-start[i], -way[i], -low[i]) for i in range(3)),
+        last_inside(start - v, way, most),
+        last_inside(start, way, max(speed, norm(_hard_braked(v, most)), norm(start))),
+        _share_below(start, way, high),
+        _share_below(-start, -way, -low),
     )
-    return _plus(start, _scaled(way, max(share, 0.0)))
+    return np.asarray(start + way * max(share, 0.0))
 
 
-def _hard_braked(v: Vector, most: float) -> Vector:
+def _hard_braked(v: Array, most: float) -> Array:
     size = norm(v)
-    return _scaled(v, max(0.0, size - most) / size) if size > 0 else ZERO
+    return v * (max(0.0, size - most) / size) if size > 0 else v
 
 
-def _caps(position: Vector, bounds: Bounds, dt_s: float) -> tuple[Vector, Vector]:
+def _caps(position: Array, bounds: Bounds, dt_s: float) -> tuple[Array, Array]:
     """Lowest and highest velocity of each axis from which braking ends in the box."""
     a = bounds.acceleration / math.sqrt(3.0)
-    down = tuple(-_cap(position[i] - bounds.low[i], a, dt_s) for i in range(3))
-    up = tuple(_cap(bounds.high[i] - position[i], a, dt_s) for i in range(3))
-    return (down[0], down[1], down[2]), (up[0], up[1], up[2])
+    return -_cap(position - bounds.low, a, dt_s), _cap(bounds.high - position, a, dt_s)
 
 
-def _cap(distance: float, acceleration: float, dt_s: float) -> float:
-    if distance == math.inf:
-        return math.inf
+def _cap(distance: Array, acceleration: float, dt_s: float) -> Array:
     # a hair less than exact, so that rounding does not end behind the wall
-    room = max(0.0, distance - 1e-9)
+    room = np.maximum(0.0, distance - 1e-9)
     step = acceleration * dt_s
-    return max(0.0, math.sqrt(step * step + 2 * acceleration * room) - step)
+    return np.maximum(0.0, np.sqrt(step * step + 2 * acceleration * room) - step)
 
 
-def _share_in_ball(start: Vector, way: Vector, radius: float) -> float:
-    """Largest share of the way from start that stays in a ball about 0; start lies in it, up to rounding."""
-    a = way[0] * way[0] + way[1] * way[1] + way[2] * way[2]
-    if a <= 0.0:
-        return 1.0
-    b = start[0] * way[0] + start[1] * way[1] + start[2] * way[2]
-    c = start[0] * start[0] + start[1] * start[1] + start[2] * start[2] - radius * radius
-    inside = b * b - a * c
-    return (-b + math.sqrt(inside)) / a if inside > 0 else 0.0
+def _share_below(start: Array, way: Array, most: Array) -> float:
+    """Largest share of the way on which no axis passes its most."""
+    past = start + way > most
+    return max(0.0, float(((most - start)[past] / way[past]).min(initial=1.0)))
 
 
-def _share_below(start: float, way: float, most: float) -> float:
-    return 1.0 if start + way <= most else max(0.0, (most - start) / way) if way > 0 else 0.0
-
-
-def _plus(a: Vector, b: Vector) -> Vector:
-    return a[0] + b[0], a[1] + b[1], a[2] + b[2]
-
-
-def _minus(a: Vector, b: Vector) -> Vector:
-    return a[0] - b[0], a[1] - b[1], a[2] - b[2]
-
-
-def _scaled(a: Vector, by: float) -> Vector:
-    return a[0] * by, a[1] * by, a[2] * by
-
-
-def _shortened(a: Vector, most: float) -> Vector:
+def _shortened(a: Array, most: float) -> Array:
     size = norm(a)
-    return a if size <= most else _scaled(a, most / size)
+    return a if size <= most else a * (most / size)
+
+
+def last_inside(start: Array, way: Array, radius: float) -> float:
+    """Largest share of the way from start, in 0..1, that stays in a ball about 0; start lies in it, up to rounding."""
+    roots = _crossings(start, way, radius)
+    return 1.0 if roots is None and norm(start) <= radius else 0.0 if roots is None else min(1.0, max(0.0, roots[1]))
+
+
+def first_inside(start: Array, way: Array, radius: float) -> float:
+    """Least share of the way from start, in 0..1, that lies in a ball about 0; 1 where it does not come there."""
+    roots = _crossings(start, way, radius)
+    return 1.0 if roots is None else min(1.0, max(0.0, roots[0]))
+
+
+def _crossings(start: Array, way: Array, radius: float) -> tuple[float, float] | None:
+    """Shares of the way where a straight line enters and leaves a ball about 0; None: it does not."""
+    a, b, c = float(way @ way), float(start @ way), float(start @ start) - radius * radius
+    inside = b * b - a * c
+    if a <= 0.0 or inside < 0.0:
+        return None
+    return (-b - math.sqrt(inside)) / a, (-b + math.sqrt(inside)) / a

@@ -5,8 +5,7 @@ was commanded to be, so engaging moves nothing, at any scale and any number of t
 
 Noise is smoothed away while the hand rests, and let through unchanged while it moves: by a low-pass filter whose time constant
 falls to nothing as soon as there is evidence of motion, as in the One-Euro filter (Casiez, Roussel and Vogel 2012). The evidence
-is measured in standard deviations of the noise, so that a hand known exactly is not filtered at all: how far the hand is from the
-filtered one, which shows quick motions at once, and its mean speed, which shows slow ones.
+is its mean speed, measured in standard deviations of the noise, so that a hand known exactly is not filtered at all.
 """
 
 from __future__ import annotations
@@ -135,10 +134,7 @@ _REST_S, _SPEED_S = 0.6, 0.35
 _NOISE_S = 0.1
 # evidence begins at so many standard deviations, and nothing is filtered so many later; chosen on seeds and paths that
 # `bench/teleoperation.py` does not use
-_FAR, _FAR_RANGE = 2.5, 1.0
 _FAST, _FAST_RANGE = 2.0, 1.5
-# hands with less noise than this need no more than a part of the filter
-_LEAST_M = 0.002
 # views farther apart do not continue each other
 _GAP_S = 0.1
 
@@ -170,12 +166,10 @@ def steadied(steady: Steady | None, view: OperatorView, noise_m: float = REST_NO
     noise = np.minimum(noise_m, math.sqrt(3.0) * view.sigma_m)[:, None]
     slow = steady.slow_xyz + passed_s / (_SPEED_S + passed_s) * (view.xyz_world - steady.slow_xyz)
     with np.errstate(divide="ignore", invalid="ignore"):
-        far = _lengths(view.xyz_world - steady.xyz_world) / noise
         # of noise that lasts for _NOISE_S, what is left in the difference from its own low-pass
         fast = _lengths(view.xyz_world - slow) / noise * math.sqrt(1 + _NOISE_S / _SPEED_S)
-        motion = np.maximum((far - _FAR) / _FAR_RANGE, (fast - _FAST) / _FAST_RANGE)
-    rests = np.where(noise > 0, 1 - np.clip(np.nan_to_num(motion, nan=1.0), 0.0, 1.0), 0.0) ** 3
-    constant_s = _REST_S * rests * np.minimum(1.0, noise / _LEAST_M)
+    motion = np.clip((np.nan_to_num(fast, nan=np.inf) - _FAST) / _FAST_RANGE, 0.0, 1.0)
+    constant_s = _REST_S * (1 - motion) ** 3
     share = passed_s / (constant_s + passed_s) if passed_s > 0 else np.zeros_like(noise)
     xyz = steady.xyz_world + share * (view.xyz_world - steady.xyz_world)
     return Steady(t_ns=view.t_ns, person_id=view.person_id, xyz_world=xyz, slow_xyz=slow)

@@ -24,12 +24,12 @@ class RigScene(Element, component="rig_scene.js", esm={"posefuse-studio": "lib"}
 
     Args:
         stream: name of the stream.
-        ellipsoids, trails, cameras: what is shown at first, with the skeletons.
+        ellipsoids, trails: what is shown at first, with the skeletons and cameras.
     """
 
-    def __init__(self, stream: str, *, ellipsoids: bool = True, trails: bool = False, cameras: bool = True) -> None:
+    def __init__(self, stream: str, *, ellipsoids: bool = True, trails: bool = False) -> None:
         super().__init__()
-        self._props.update(stream=stream, skeletons=True, ellipsoids=ellipsoids, trails=trails, cameras=cameras)
+        self._props.update(stream=stream, skeletons=True, ellipsoids=ellipsoids, trails=trails, cameras=True)
         self.classes("pf-scene")
         self.props('role="img" aria-label="3D view; drag to turn, wheel to zoom"')
 
@@ -70,16 +70,15 @@ class CameraTile(Element, component="camera_tile.js", esm={"posefuse-studio": "l
 
 
 class ValuePlot(Element, component="value_plot.js", esm={"posefuse-studio": "lib"}):
-    """A running plot of some values of a stream.
+    """A running plot of some angles of a stream, in degrees.
 
     Args:
-        stream: name of the stream. places, names: numbers in the setup's plots and names of the values. unit: of all.
-        seconds: how much of the past is shown.
+        stream: name of the stream. places, names: numbers of the angles in its values, and their names.
     """
 
-    def __init__(self, stream: str, places: list[int], names: list[str], *, unit: str = "deg", seconds: float = 10.0) -> None:
+    def __init__(self, stream: str, places: list[int], names: list[str]) -> None:
         super().__init__()
-        self._props.update(curves(places, names), stream=stream, unit=unit, seconds=seconds)
+        self._props.update(curves(places, names), stream=stream)
         self.classes("pf-plot")
 
     def choose(self, places: list[int], names: list[str]) -> None:

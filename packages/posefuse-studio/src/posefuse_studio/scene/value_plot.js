@@ -2,12 +2,12 @@ import { listen, Seen, VALUES } from "posefuse-studio";
 
 const LEAST_RANGE = 20, MOST_LINES = 5, LEFT = 40, RIGHT = 8, TOP = 8, BOTTOM = 18;
 // curves of seconds need fewer updates than a skeleton
-const EVERY_MS = 100, GAP_S = 0.3, DASH_PX = 6;
+const EVERY_MS = 100, GAP_S = 0.3, DASH_PX = 6, SHOWN_S = 10;
 
 export default {
   template: `<div><canvas></canvas><div class="pf-plot-names">
     <span v-for="(label, i) in labels" :style="{ borderColor: colours[i], borderLeftStyle: dash(i) ? 'dashed' : 'solid' }">{{ label }}</span></div></div>`,
-  props: { stream: String, places: Array, labels: Array, colours: Array, unit: String, seconds: Number },
+  props: { stream: String, places: Array, labels: Array, colours: Array },
   mounted() {
     this.canvas = this.$el.children[0];
     this.past = [];
@@ -17,7 +17,7 @@ export default {
       if (message.kind !== VALUES) return;
       if (this.past.length && message.t_s < this.past[this.past.length - 1].t_s) this.past = [];
       this.past.push(message);
-      while (this.past[0].t_s < message.t_s - this.seconds) this.past.shift();
+      while (this.past[0].t_s < message.t_s - SHOWN_S) this.past.shift();
       this.draw_soon();
     });
   },
@@ -39,7 +39,7 @@ export default {
       const pen = this.cleared(width, height), bottom = height - BOTTOM;
       const [low, high, step] = this.range();
       const end = this.past[this.past.length - 1].t_s;
-      const x = (t_s) => width - RIGHT - ((end - t_s) / this.seconds) * (width - LEFT - RIGHT);
+      const x = (t_s) => width - RIGHT - ((end - t_s) / SHOWN_S) * (width - LEFT - RIGHT);
       const y = (value) => bottom - ((value - low) / (high - low)) * (bottom - TOP);
       pen.font = "11px Roboto, sans-serif";
       pen.fillStyle = getComputedStyle(this.$el).color;
@@ -49,7 +49,7 @@ export default {
         pen.globalAlpha = 0.75;
         pen.fillText(`${value}`, 8, y(value) + 4);
       }
-      pen.fillText(`${this.unit}, last ${this.seconds} s`, LEFT, height - 4);
+      pen.fillText(`deg, last ${SHOWN_S} s`, LEFT, height - 4);
       this.places.forEach((place, i) => this.line(pen, place, i, x, y));
     },
     // the canvas at the size of its element

@@ -67,7 +67,8 @@ class _Shown:
         self._counted_s = time.monotonic()
         self._rates_hz: dict[str, float] = {}
         self._begun_s = time.time()
-        self._setup_of: tuple[Skeleton, tuple[str, ...], tuple[str, ...]] | None = None
+        self._setup_of: tuple[Skeleton, tuple[str, ...]] | None = None
+        self._plots: list[str] = []
         self._past: tuple[Pose3D, ...] = ()
         self.recordings: list[str] = []
 
@@ -128,10 +129,10 @@ class _Shown:
     def _set_up(self, skeleton: Skeleton, joints: JointAngles | None) -> None:
         """The scene, again whenever a camera becomes faulty or well."""
         faulty = tuple(name for name, camera in self._session.cameras.items() if camera.state != "ok")
-        plots = tuple(angle_labels(joints, " ")) if joints is not None else (self._setup_of[1] if self._setup_of else ())
-        if self._setup_of != (skeleton, plots, faulty):
-            self._setup_of = skeleton, plots, faulty
-            self._host.publish("setup", setup_message(self._rig, skeleton, plots=plots, faulty=faulty), keep=True)
+        self._plots = self._plots if joints is None else angle_labels(joints, " ")
+        if self._setup_of != (skeleton, faulty):
+            self._setup_of = skeleton, faulty
+            self._host.publish("setup", setup_message(self._rig, skeleton, faulty=faulty), keep=True)
 
     def _status(self, pose: Pose3D | None) -> SessionStatus:
         self._count()
@@ -143,7 +144,7 @@ class _Shown:
             people=[] if pose is None else pose.person_id.tolist(),
             names=dict(self._names),
             person=self._person,
-            plots=list(self._setup_of[1]) if self._setup_of else [],
+            plots=self._plots,
             outputs=dict(self._session.outputs),
             wanted=list(self._wanted),
             latency_p95_ms=max(latencies, default=0.0) or None,
