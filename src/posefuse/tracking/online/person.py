@@ -18,7 +18,7 @@ from .kernels.rays import swap_groups
 from .kernels.state import GROUPS, KeypointRays, Rules, SessionArrays, TrackState, born, unborn
 from .kernels.step import ViewFigures, step
 from .kernels.updates import begin_again
-from .own_motion import OwnMotion
+from .own_motion import HORIZON_S, OwnMotion
 
 # a view's limb is swapped as a whole where that brings it so much closer
 CLEARLY = 0.5
@@ -157,7 +157,7 @@ class Person:
         state = unborn(model.arrays)
         born(state, model.arrays, xyz, cov, _BORN_M_S)
         self._moments = [_Moment(t_ns=t_ns, camera=-1, state=state)]
-        self._own_motion = OwnMotion(model.skeleton, model.arrays)
+        self._own_motion = OwnMotion(model.skeleton)
 
     def add(self, t_ns: int, rays: KeypointRays, depth_m: Array | None = None) -> ViewFigures | None:
         """Work a view in at its own time, see `Optics.rays`; its figures, or None when it is older than memory."""
@@ -190,7 +190,8 @@ class Person:
         """From a moment that nothing changes any more; those up to it are kept."""
         while (due_ns := self._own_motion.waits_until_ns()) is not None and due_ns <= settled.t_ns:
             self._own_motion.judge(self.expected(due_ns)[0])
-        self._own_motion.settle(settled.state, settled.t_ns)
+        if self._own_motion.wants(settled.t_ns):
+            self._own_motion.settle(settled.t_ns, *self._now_and_later(settled.state))
 
     def begin_again(self, xyz: Array) -> None:
         """Put keypoints at world places (K, 3) in every kept state, as late views start from older ones; NaN: unchanged."""
@@ -244,11 +245,7 @@ class Person:
 
     def expected(self, t_ns: int) -> tuple[Array, Array]:
         """Positions (K, 3) and how sure (K,) at a time, from what came before it."""
-        model = self._model
-        k = len(model.skeleton)
-        means, sigmas = np.empty((k, 3)), np.empty(k)
-        where(self._before(t_ns).state, self._seconds(t_ns), model.arrays, means, sigmas)
-        return means, sigmas
+        return self._expected_from(self._before(t_ns).state, self._seconds(t_ns))
 
     def pose_into(self, t_ns: int, filled: PoseRow) -> bool:
         """Fill in the pose at t_ns; whether any keypoint of the person is there."""
@@ -256,8 +253,20 @@ class Person:
             return False
         before = self._before(t_ns)
         pose(before.state, self._seconds(t_ns), self._model.arrays, _KINDS, filled)
-        self._own_motion.correct(before.state, (t_ns - before.t_ns) * 1e-9, filled.xyz)
+        if t_ns > before.t_ns:
+            since_s = (t_ns - before.t_ns) * 1e-9
+            filled.xyz[:] += self._own_motion.correction(*self._now_and_later(before.state), since_s)
         return bool(filled.kind.any())
+
+    def _expected_from(self, state: TrackState, t_s: float) -> tuple[Array, Array]:
+        k = len(self._model.skeleton)
+        means, sigmas = np.empty((k, 3)), np.empty(k)
+        where(state, t_s, self._model.arrays, means, sigmas)
+        return means, sigmas
+
+    def _now_and_later(self, state: TrackState) -> tuple[Array, Array]:
+        now_s = float(state.time[0])
+        return self._expected_from(state, now_s)[0], self._expected_from(state, now_s + HORIZON_S)[0]
 
     def _redone(self, place: int) -> ViewFigures:
         now = self._moments[place]
