@@ -9,7 +9,7 @@ import numpy as np
 
 from posefuse.foundation.compiled import kernel
 
-from .body import alone, centre_body, hold_depth, learn_bones, let_go_of_strays, start_missing
+from .body import alone, centre_body, drop_strays, hold_depth, learn_bones, start_missing
 from .rays import depth_row, expected, ray, squared, swap_person, swapped_groups
 from .state import GROUPS, all_models, combined, learn_liveliness, mix, predict_model
 from .updates import doubt, move_body, update
@@ -58,7 +58,7 @@ def step(person, t, view, session, deep=None):
         if person.swaps[g] > _SWAP_STATE:
             swap_person(person, session, g)
             person.swaps[g] = 0.0
-    let_go_of_strays(person.x[:k], person.share, means[:k])
+    drop_strays(person.x[:k], means[:k])
     learn_bones(person.bones, session.ends, means, spreads)
     learn_liveliness(person.lively, person.share, session.models, dt)
     centre_body(person.x, person.share)
