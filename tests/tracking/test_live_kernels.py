@@ -12,19 +12,10 @@ from posefuse.tracking.online import LiveMotion, LiveSettings, Model, MotionMode
 from posefuse.tracking.online.kernels.body import start_missing
 from posefuse.tracking.online.kernels.rays import depth_row, swap_person
 from posefuse.tracking.online.kernels.state import NEVER, KeypointRays, TrackState, unborn
-from posefuse.tracking.online.kernels.updates import doubt, update
+from posefuse.tracking.online.kernels.updates import update
 from posefuse.tracking.online.own_motion import HORIZON_S, OwnMotion
 from posefuse.tracking.online.person import named_rays
 from posefuse.tracking.smooth_kernels import inverse3
-
-
-def test_doubt_adds_uncertainty_of_position_and_velocity_only() -> None:
-    cov = np.zeros((2, 9, 9))
-    doubt(cov)
-    added = cov[0].diagonal()
-    assert np.array_equal(cov, np.broadcast_to(np.diag(added), cov.shape)), "no correlation is added"
-    assert added[0] > 0 and added[3] > 0
-    assert np.array_equal(added, np.repeat([added[0], added[3], 0.0], 3)), "all axes alike, the acceleration untouched"
 
 
 def test_a_missing_keypoint_starts_at_the_mean_of_its_neighbours_and_moves_with_them(ring_rig) -> None:
@@ -50,7 +41,7 @@ def test_swapped_twice_a_person_is_as_before_and_once_every_part_is_on_the_other
     before = person.copy()
     arms = np.flatnonzero(session.group == 0)
     swap_person(person, session, 0)
-    for name in ("x", "cov", "share", "lively", "seen", "square", "precision", "deepness", "refused"):
+    for name in ("x", "cov", "share", "lively", "seen", "square", "precision", "deepness"):
         here, was = getattr(person, name), getattr(before, name)
         np.testing.assert_array_equal(here[arms], was[session.mirror[arms]], err_msg=name)
         others = np.setdiff1d(np.arange(len(here)), arms)

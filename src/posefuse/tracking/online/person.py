@@ -14,14 +14,13 @@ from posefuse.core.rig import packed_rig
 from posefuse.tracking.settings import MOTION, LiveMotion, LiveSettings
 
 from .kernels.pose import PoseRow, pose, where
-from .kernels.rays import swap_groups
 from .kernels.state import GROUPS, KeypointRays, Rules, SessionArrays, TrackState, born, unborn
 from .kernels.step import ViewFigures, step
 from .kernels.updates import begin_again
 from .own_motion import HORIZON_S, OwnMotion
 
 # a view's limb is swapped as a whole where that brings it so much closer
-CLEARLY = 0.5
+_CLEARLY = 0.5
 # what a newborn's keypoint may do, one standard deviation
 _BORN_M_S = 1.5
 # in a count of cameras, the depth of one
@@ -61,16 +60,13 @@ class Model:
         """(GROUPS, K) of which limbs each keypoint is."""
         return np.asarray(self.arrays.group == np.arange(GROUPS)[:, None])
 
-    def swapped(self, other: Array, same: Array, share: float) -> Array:
-        """(GROUPS,) limbs whose distances (K,) with left and right swapped are less than such a share of those as they are.
+    def swapped(self, other: Array, same: Array) -> Array:
+        """(K,) keypoints of limbs whose distances (K,) with left and right swapped are clearly less than those as they are.
 
         Arms, legs and head each as a whole: a pair of elbows alone is never swapped.
         """
         known = self.limbs & np.isfinite(other) & np.isfinite(same)
-        return np.array([other[one].sum() < share * same[one].sum() for one in known])
-
-    def of_limbs(self, limbs: Array) -> Array:
-        """(K,) whether a keypoint is of one of these limbs (GROUPS,); those of the midline are of none."""
+        limbs = [other[one].sum() < _CLEARLY * same[one].sum() for one in known]
         return np.asarray(self.limbs[limbs].any(axis=0))
 
 
@@ -80,7 +76,7 @@ def named_rays(rays: KeypointRays, world: Array, model: Model) -> tuple[Array, A
     there = camera @ world
     expected = there[:, :2] / there[:, 2:]
     same, other = (np.linalg.norm(z - expected, axis=-1) for z in (rays.z, rays.z[mirror]))
-    swapped = model.of_limbs(model.swapped(other, same, CLEARLY))
+    swapped = model.swapped(other, same)
     source = np.where(swapped, mirror, np.arange(len(mirror)))
     z = rays.z[source]
     return z, np.where(np.isfinite(z[:, 0]), 0.5 * (rays.white[source] ** 2).sum(axis=(-1, -2)), 0.0)
@@ -198,13 +194,6 @@ class Person:
         for moment in self._moments:
             begin_again(moment.state, xyz)
         if np.isfinite(xyz).any():
-            self._own_motion.begin_again()
-
-    def swap(self, groups: Array) -> None:
-        """Swap left and right of limbs (`GROUPS`,), see `SessionArrays`, in every kept state."""
-        for moment in self._moments:
-            swap_groups(moment.state, self._model.arrays, groups)
-        if groups.any():
             self._own_motion.begin_again()
 
     @property

@@ -68,7 +68,7 @@ class TrackState(NamedTuple):
     x (K + 1, M, 9), cov (K + 1, M, 9, 9) and share (K + 1, M) of each model: the body as a whole in the last row, the keypoints
     against it in the others. lively (K + 1,): variance of their accelerations lately. Per camera (K, C): seen, when it last
     measured, s; square, the squared px residual; precision, 1/variance; deepness, 1/variance of its depth (0 where it has none).
-    refused (K,): views refused in a row. swaps (GROUPS,): share of swapped views. bones (B, 2): mean length, views. time (1,).
+    swaps (GROUPS,): share of swapped views. bones (B, 2): mean length, views. time (1,).
     """
 
     x: Array
@@ -79,7 +79,6 @@ class TrackState(NamedTuple):
     square: Array
     precision: Array
     deepness: Array
-    refused: Array
     swaps: Array
     bones: Array
     time: Array
@@ -102,7 +101,6 @@ def unborn(session: SessionArrays) -> TrackState:
         square=square,
         precision=precision,
         deepness=deepness,
-        refused=np.zeros(k),
         swaps=np.zeros(GROUPS),
         bones=np.zeros((len(session.ends), 2)),
         time=np.zeros(1),
