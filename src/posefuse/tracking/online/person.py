@@ -49,7 +49,6 @@ class Model:
             cameras=packed_rig(self.rig),
             mirror=self.skeleton.mirror,
             group=_groups(self.skeleton),
-            neighbours=_neighbours(self.skeleton),
             ends=self.skeleton.bone_indices,
             models=np.array([[[one.acceleration_m_s2, one.persistence_s] for one in bank] for bank in banks]),
             rules=Rules(*(float(values[name]) for name in Rules._fields)),
@@ -89,16 +88,6 @@ def _groups(skeleton: Skeleton) -> Array:
         groups[np.concatenate(sides)] = number
     groups[skeleton.mirror == np.arange(len(skeleton))] = -1
     return groups
-
-
-def _neighbours(skeleton: Skeleton) -> Array:
-    """(K, n) keypoints at the other ends of each one's bones, -1 for none."""
-    lists: list[list[int]] = [[] for _ in skeleton.keypoints]
-    for a, b in skeleton.bone_indices.tolist():
-        lists[a].append(b)
-        lists[b].append(a)
-    most = max(1, *(len(one) for one in lists))
-    return np.array([one + [-1] * (most - len(one)) for one in lists], np.int64)
 
 
 @dataclass(eq=False, kw_only=True)

@@ -39,13 +39,15 @@ def start_missing(person, z, now, session):
         if math.isfinite(x[i, 0, 0]) or not math.isfinite(z[i, 0]):
             continue
         about, motion, near = middle.copy(), np.zeros(3), 0
-        for o in session.neighbours[i]:
-            if o >= 0 and math.isfinite(x[o, 0, 0]):
-                if near == 0:
-                    about[:] = 0.0
-                about += x[o, 0, :3]
-                motion += x[o, 0, 3:6]
-                near += 1
+        for b in range(len(session.ends)):
+            for end in range(2):
+                o = session.ends[b, 1 - end]
+                if session.ends[b, end] == i and math.isfinite(x[o, 0, 0]):
+                    if near == 0:
+                        about[:] = 0.0
+                    about += x[o, 0, :3]
+                    motion += x[o, 0, 3:6]
+                    near += 1
         if near > 0:
             about /= near
             motion /= near

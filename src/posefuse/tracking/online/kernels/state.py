@@ -30,14 +30,12 @@ class SessionArrays(NamedTuple):
     """What is the same for all people and views: K keypoints, M motion models, C cameras, B bones.
 
     cameras: (C, 15) of `core.rig.packed_rig`. mirror: (K,) counterparts. group: (K,) the limbs a keypoint is swapped with,
-    -1 on the midline. neighbours: (K, n) keypoints at the other ends of its bones, -1 for none. ends: (B, 2) bones.
-    models: (2, M, 2) acceleration of keypoints and of the body, and how long it lasts.
+    -1 on the midline. ends: (B, 2) bones. models: (2, M, 2) acceleration of keypoints and of the body, and how long it lasts.
     """
 
     cameras: Array
     mirror: Array
     group: Array
-    neighbours: Array
     ends: Array
     models: Array
     rules: Rules
