@@ -135,7 +135,7 @@ def _lasting(t_ns: Array, noise: Array, cov: Array, used: Array, rate_hz: float,
     flat = [np.interp(t_s, t_s[used], part[used]) for part in noise.reshape(-1, 9).T]
     around = np.stack(flat, axis=-1).reshape(noise.shape)
     averaged = 1 - np.trace(cov, axis1=-2, axis2=-1) / np.trace(around, axis1=-2, axis2=-1)
-    return settings.lasting_share * max(alike, 0.0) * np.maximum(averaged, 0.0)[:, None, None] * around
+    return np.asarray(settings.lasting_share * max(alike, 0.0) * np.maximum(averaged, 0.0)[:, None, None] * around)
 
 
 def _weight(x: Array) -> Array:
