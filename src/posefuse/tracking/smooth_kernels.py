@@ -7,8 +7,6 @@ quintic smoothing spline in state-space form. Forward Kalman filter, backward th
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
 
 from posefuse.foundation.compiled import kernel
@@ -49,9 +47,6 @@ START_SIGMA = (1.0, 60.0, 2000.0)
 GAP_ACCELERATION, GAP_ACCELERATION_S = 30.0, 0.1
 # rows of the state that a measurement, and a time step without one, bear on
 _POSITION, _ACCELERATION = 0, 6
-
-# in units of its time scale: where the smoother's weight has fallen to less than a hundredth
-_REACH = 9.0
 
 
 @kernel()
@@ -187,60 +182,3 @@ def smooth_point(t, z, noise, measured, q, max_gap, mean, cov):
             if first < 0:
                 first = step
             last = step
-
-
-@kernel()
-def _weight(x):
-    """The smoother's weight of a measurement x time scales away: the transform of 1 / (1 + w^6), but for a factor."""
-    x = abs(x)
-    turn = 0.5 * math.sqrt(3.0) * x
-    return math.exp(-x) + math.exp(-0.5 * x) * (math.cos(turn) + math.sqrt(3.0) * math.sin(turn))
-
-
-@kernel()
-def add_lasting(t, noise, measured, known, rate, share, lasts, max_gap, cov):
-    """cov (T, 3, 3), where `known` (T,), += what is not averaged away of noise (T, 3, 3) of which `share` lasts.
-
-    It fades by e within `lasts` s. rate: of the smoother, rad/s. With weights w that sum to 1, errors of unit variance leave
-    sum w_i^2 where they are independent and sum w_i w_j exp(-|t_i - t_j| / lasts) where they last; the difference is added.
-    Runs end as in `smooth_point`.
-    """
-    weights, fade = np.empty(len(t)), np.ones(len(t))
-    for i in range(1, len(t)):
-        fade[i] = math.exp((t[i - 1] - t[i]) / lasts)
-    first = 0
-    for step in range(len(t)):
-        if not known[step]:
-            continue
-        while (t[step] - t[first]) * rate > _REACH:
-            first += 1
-        total, end, last = 0.0, first, -1
-        for i in range(first, len(t)):
-            weights[i] = 0.0
-            if (t[i] - t[step]) * rate > _REACH:
-                break
-            end = i + 1
-            if not measured[i]:
-                continue
-            if last >= 0 and t[i] - t[last] > max_gap:
-                # another run: before this time step it does not count, after it the window ends
-                if i > step:
-                    break
-                weights[first:i] = 0.0
-                total = 0.0
-            last = i
-            weights[i] = _weight((t[i] - t[step]) * rate) / (noise[i, 0, 0] + noise[i, 1, 1] + noise[i, 2, 2])
-            total += weights[i]
-        kept, size, earlier = 0.0, 0.0, 0.0
-        for i in range(first, end):
-            weights[i] /= total
-            size += abs(weights[i])
-            # the sum of all earlier weights, each faded since: a second loop over them would take the square of the rate
-            earlier *= fade[i]
-            kept += 2.0 * weights[i] * earlier
-            earlier += weights[i]
-        for i in range(first, end):
-            scale = share * max(kept, 0.0) * abs(weights[i]) / size
-            for a in range(3):
-                for b in range(3):
-                    cov[step, a, b] += scale * noise[i, a, b]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 
 import numpy as np
@@ -16,6 +17,8 @@ _HALF_POWER = (np.sqrt(2) - 1) ** (1 / 6)
 # the model of the response holds while the sampled signal keeps away from its Nyquist frequency
 _RATE_SHARE = 0.35
 _PASSES = 6
+# in units of its time scale: where the smoother's weight has fallen to less than a hundredth
+_REACH = 9.0
 
 
 def cutoff_hz(t_ns: Array, settings: SmoothSettings) -> float:
@@ -43,8 +46,8 @@ def smooth(sequence: PoseSequence, settings: SmoothSettings) -> PoseSequence:
     rate_hz, (people, keypoints) = cutoff_hz(sequence.t_ns, settings), sequence.kind.shape[1:]
     # after the bones: they constrain the smoother's estimate, not the common error of all keypoints
     for n, k in np.ndindex(people, keypoints):
-        noise, known = sequence.cov_world[:, n, k], np.isfinite(xyz[:, n, k, 0])
-        cov[:, n, k] += scales[n, k] * _lasting(sequence.t_ns, noise, used[:, n, k], known, rate_hz, settings)
+        noise = scales[n, k] * sequence.cov_world[:, n, k]
+        cov[:, n, k] += _lasting(sequence.t_ns, noise, cov[:, n, k], used[:, n, k], rate_hz, settings)
     there = np.isfinite(xyz[..., 0])
     kind = np.where(used, Kind.SMOOTHED, np.where(there, Kind.INTERPOLATED, Kind.MISSING))
     give_away(xyz, cov)
@@ -113,16 +116,33 @@ def _smooth_point(
     return mean, cov * scale, measured & ~left_out, scale
 
 
-def _lasting(t_ns: Array, noise: Array, used: Array, known: Array, rate_hz: float, settings: SmoothSettings) -> Array:
-    """(T, 3, 3) what lasting errors add where a point is known (T,), from the covariances of the measurements used (T,)."""
-    from . import smooth_kernels
+def _lasting(t_ns: Array, noise: Array, cov: Array, used: Array, rate_hz: float, settings: SmoothSettings) -> Array:
+    """(T, 3, 3) what lasting errors add to a covariance (T, 3, 3) of errors that are independent.
 
-    lasting, rate = np.zeros(noise.shape), 2 * np.pi * rate_hz / _HALF_POWER
-    smooth_kernels.add_lasting(
-        (t_ns - t_ns[:1]) * 1e-9, np.where(used[:, None, None], noise, 0.0), used, known, rate, settings.lasting_share,
-        settings.lasting_s, settings.max_gap_s, lasting,
-    )  # fmt: skip
-    return lasting
+    With weights w that sum to 1, independent errors of unit variance leave sum w_i^2. Of the rest that is averaged away, those
+    that last leave a share: the mean of exp(-|t_i - t_j| / lasting_s) over all pairs of different measurements.
+    """
+    if not used.any():
+        return np.zeros(noise.shape)
+    t_s = (t_ns - t_ns[0]) * 1e-9
+    step_s = float(np.median(np.diff(t_s))) if len(t_s) > 1 else 1.0
+    rate = 2 * np.pi * rate_hz / _HALF_POWER
+    reach = math.ceil(_REACH / (rate * step_s))
+    at_s = np.arange(-reach, reach + 1) * step_s
+    weight = _weight(at_s * rate)
+    pairs = np.outer(weight, weight) * (1 - np.eye(len(weight)))
+    alike = float((pairs * np.exp(-np.abs(at_s[:, None] - at_s) / settings.lasting_s)).sum() / pairs.sum())
+    flat = [np.interp(t_s, t_s[used], part[used]) for part in noise.reshape(-1, 9).T]
+    around = np.stack(flat, axis=-1).reshape(noise.shape)
+    averaged = 1 - np.trace(cov, axis1=-2, axis2=-1) / np.trace(around, axis1=-2, axis2=-1)
+    return np.asarray(settings.lasting_share * max(alike, 0.0) * np.maximum(averaged, 0.0)[:, None, None] * around)
+
+
+def _weight(x: Array) -> Array:
+    """The smoother's weight of a measurement x time scales away: the transform of 1 / (1 + w^6), but for a factor."""
+    x = np.abs(x)
+    turn = 0.5 * np.sqrt(3.0) * x
+    return np.asarray(np.exp(-x) + np.exp(-0.5 * x) * (np.cos(turn) + np.sqrt(3.0) * np.sin(turn)))
 
 
 def _jerk_density(t_s: Array, noise: Array, rate_hz: float) -> float:

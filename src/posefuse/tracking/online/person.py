@@ -14,14 +14,13 @@ from posefuse.core.rig import packed_rig
 from posefuse.tracking.settings import MOTION, LiveMotion, LiveSettings
 
 from .kernels.pose import PoseRow, pose, where
-from .kernels.rays import swap_groups
 from .kernels.state import GROUPS, KeypointRays, Rules, SessionArrays, TrackState, born, unborn
 from .kernels.step import ViewFigures, step
 from .kernels.updates import begin_again
-from .own_motion import OwnMotion
+from .own_motion import HORIZON_S, OwnMotion
 
 # a view's limb is swapped as a whole where that brings it so much closer
-CLEARLY = 0.5
+_CLEARLY = 0.5
 # what a newborn's keypoint may do, one standard deviation
 _BORN_M_S = 1.5
 # in a count of cameras, the depth of one
@@ -50,7 +49,6 @@ class Model:
             cameras=packed_rig(self.rig),
             mirror=self.skeleton.mirror,
             group=_groups(self.skeleton),
-            neighbours=_neighbours(self.skeleton),
             ends=self.skeleton.bone_indices,
             models=np.array([[[one.acceleration_m_s2, one.persistence_s] for one in bank] for bank in banks]),
             rules=Rules(*(float(values[name]) for name in Rules._fields)),
@@ -61,16 +59,13 @@ class Model:
         """(GROUPS, K) of which limbs each keypoint is."""
         return np.asarray(self.arrays.group == np.arange(GROUPS)[:, None])
 
-    def swapped(self, other: Array, same: Array, share: float) -> Array:
-        """(GROUPS,) limbs whose distances (K,) with left and right swapped are less than such a share of those as they are.
+    def swapped(self, other: Array, same: Array) -> Array:
+        """(K,) keypoints of limbs whose distances (K,) with left and right swapped are clearly less than those as they are.
 
         Arms, legs and head each as a whole: a pair of elbows alone is never swapped.
         """
         known = self.limbs & np.isfinite(other) & np.isfinite(same)
-        return np.array([other[one].sum() < share * same[one].sum() for one in known])
-
-    def of_limbs(self, limbs: Array) -> Array:
-        """(K,) whether a keypoint is of one of these limbs (GROUPS,); those of the midline are of none."""
+        limbs = [other[one].sum() < _CLEARLY * same[one].sum() for one in known]
         return np.asarray(self.limbs[limbs].any(axis=0))
 
 
@@ -80,7 +75,7 @@ def named_rays(rays: KeypointRays, world: Array, model: Model) -> tuple[Array, A
     there = camera @ world
     expected = there[:, :2] / there[:, 2:]
     same, other = (np.linalg.norm(z - expected, axis=-1) for z in (rays.z, rays.z[mirror]))
-    swapped = model.of_limbs(model.swapped(other, same, CLEARLY))
+    swapped = model.swapped(other, same)
     source = np.where(swapped, mirror, np.arange(len(mirror)))
     z = rays.z[source]
     return z, np.where(np.isfinite(z[:, 0]), 0.5 * (rays.white[source] ** 2).sum(axis=(-1, -2)), 0.0)
@@ -93,16 +88,6 @@ def _groups(skeleton: Skeleton) -> Array:
         groups[np.concatenate(sides)] = number
     groups[skeleton.mirror == np.arange(len(skeleton))] = -1
     return groups
-
-
-def _neighbours(skeleton: Skeleton) -> Array:
-    """(K, n) keypoints at the other ends of each one's bones, -1 for none."""
-    lists: list[list[int]] = [[] for _ in skeleton.keypoints]
-    for a, b in skeleton.bone_indices.tolist():
-        lists[a].append(b)
-        lists[b].append(a)
-    most = max(1, *(len(one) for one in lists))
-    return np.array([one + [-1] * (most - len(one)) for one in lists], np.int64)
 
 
 @dataclass(eq=False, kw_only=True)
@@ -157,7 +142,7 @@ class Person:
         state = unborn(model.arrays)
         born(state, model.arrays, xyz, cov, _BORN_M_S)
         self._moments = [_Moment(t_ns=t_ns, camera=-1, state=state)]
-        self._own_motion = OwnMotion(model.skeleton, model.arrays)
+        self._own_motion = OwnMotion(model.skeleton)
 
     def add(self, t_ns: int, rays: KeypointRays, depth_m: Array | None = None) -> ViewFigures | None:
         """Work a view in at its own time, see `Optics.rays`; its figures, or None when it is older than memory."""
@@ -190,20 +175,14 @@ class Person:
         """From a moment that nothing changes any more; those up to it are kept."""
         while (due_ns := self._own_motion.waits_until_ns()) is not None and due_ns <= settled.t_ns:
             self._own_motion.judge(self.expected(due_ns)[0])
-        self._own_motion.settle(settled.state, settled.t_ns)
+        if self._own_motion.wants(settled.t_ns):
+            self._own_motion.settle(settled.t_ns, *self._now_and_later(settled.state))
 
     def begin_again(self, xyz: Array) -> None:
         """Put keypoints at world places (K, 3) in every kept state, as late views start from older ones; NaN: unchanged."""
         for moment in self._moments:
             begin_again(moment.state, xyz)
         if np.isfinite(xyz).any():
-            self._own_motion.begin_again()
-
-    def swap(self, groups: Array) -> None:
-        """Swap left and right of limbs (`GROUPS`,), see `SessionArrays`, in every kept state."""
-        for moment in self._moments:
-            swap_groups(moment.state, self._model.arrays, groups)
-        if groups.any():
             self._own_motion.begin_again()
 
     @property
@@ -244,11 +223,7 @@ class Person:
 
     def expected(self, t_ns: int) -> tuple[Array, Array]:
         """Positions (K, 3) and how sure (K,) at a time, from what came before it."""
-        model = self._model
-        k = len(model.skeleton)
-        means, sigmas = np.empty((k, 3)), np.empty(k)
-        where(self._before(t_ns).state, self._seconds(t_ns), model.arrays, means, sigmas)
-        return means, sigmas
+        return self._expected_from(self._before(t_ns).state, self._seconds(t_ns))
 
     def pose_into(self, t_ns: int, filled: PoseRow) -> bool:
         """Fill in the pose at t_ns; whether any keypoint of the person is there."""
@@ -256,8 +231,20 @@ class Person:
             return False
         before = self._before(t_ns)
         pose(before.state, self._seconds(t_ns), self._model.arrays, _KINDS, filled)
-        self._own_motion.correct(before.state, (t_ns - before.t_ns) * 1e-9, filled.xyz)
+        if t_ns > before.t_ns:
+            since_s = (t_ns - before.t_ns) * 1e-9
+            filled.xyz[:] += self._own_motion.correction(*self._now_and_later(before.state), since_s)
         return bool(filled.kind.any())
+
+    def _expected_from(self, state: TrackState, t_s: float) -> tuple[Array, Array]:
+        k = len(self._model.skeleton)
+        means, sigmas = np.empty((k, 3)), np.empty(k)
+        where(state, t_s, self._model.arrays, means, sigmas)
+        return means, sigmas
+
+    def _now_and_later(self, state: TrackState) -> tuple[Array, Array]:
+        now_s = float(state.time[0])
+        return self._expected_from(state, now_s)[0], self._expected_from(state, now_s + HORIZON_S)[0]
 
     def _redone(self, place: int) -> ViewFigures:
         now = self._moments[place]

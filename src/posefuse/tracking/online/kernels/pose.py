@@ -17,28 +17,6 @@ from .state import all_models, combined, position
 _OUT_OF_SIGHT_M = 0.5  # along a ray no other person crosses
 
 
-@kernel()
-def places(person, f, means):
-    """Positions (K, 3) carried on by f (2, M, 3, 3), of keypoints and of the body; NaN where not tracked."""
-    k = len(means)
-    body = np.empty(3)
-    _carried(person.x[k], person.share[k], f[1], body)
-    for i in range(k):
-        means[i] = np.nan
-        if math.isfinite(person.x[i, 0, 0]):
-            _carried(person.x[i], person.share[i], f[0], means[i])
-            means[i] += body
-
-
-@kernel()
-def _carried(x, share, f, mean):
-    """Position (3,) of one keypoint carried on by f, over its models."""
-    mean[:] = 0.0
-    for j in range(len(share)):
-        for a in range(3):
-            mean[a] += share[j] * (x[j, a] + f[j, 0, 1] * x[j, 3 + a] + f[j, 0, 2] * x[j, 6 + a])
-
-
 class PoseRow(NamedTuple):
     """One person of a pose: positions (K, 3), covariances (K, 3, 3), rms px (K,), views (K,), kind (K,)."""
 

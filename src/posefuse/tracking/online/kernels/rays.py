@@ -160,17 +160,7 @@ def swap_person(person, session, g):
             kept_x, kept_cov, kept_share = x[i].copy(), cov[i].copy(), share[i].copy()
             x[i], cov[i], share[i] = x[o], cov[o], share[o]
             x[o], cov[o], share[o] = kept_x, kept_cov, kept_share
-            for of_keypoint in (person.lively, person.refused):
-                of_keypoint[i], of_keypoint[o] = of_keypoint[o], of_keypoint[i]
+            person.lively[i], person.lively[o] = person.lively[o], person.lively[i]
             for of_camera in (person.seen, person.square, person.precision, person.deepness):
                 for c in range(of_camera.shape[1]):
                     of_camera[i, c], of_camera[o, c] = of_camera[o, c], of_camera[i, c]
-
-
-@kernel()
-def swap_groups(person, session, which):
-    """Swap left and right of the limbs `which` (GROUPS,) of a person, and forget the views in which they were swapped."""
-    for g in range(GROUPS):
-        if which[g]:
-            swap_person(person, session, g)
-            person.swaps[g] = 0.0

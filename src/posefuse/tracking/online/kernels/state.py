@@ -30,14 +30,12 @@ class SessionArrays(NamedTuple):
     """What is the same for all people and views: K keypoints, M motion models, C cameras, B bones.
 
     cameras: (C, 15) of `core.rig.packed_rig`. mirror: (K,) counterparts. group: (K,) the limbs a keypoint is swapped with,
-    -1 on the midline. neighbours: (K, n) keypoints at the other ends of its bones, -1 for none. ends: (B, 2) bones.
-    models: (2, M, 2) acceleration of keypoints and of the body, and how long it lasts.
+    -1 on the midline. ends: (B, 2) bones. models: (2, M, 2) acceleration of keypoints and of the body, and how long it lasts.
     """
 
     cameras: Array
     mirror: Array
     group: Array
-    neighbours: Array
     ends: Array
     models: Array
     rules: Rules
@@ -68,7 +66,7 @@ class TrackState(NamedTuple):
     x (K + 1, M, 9), cov (K + 1, M, 9, 9) and share (K + 1, M) of each model: the body as a whole in the last row, the keypoints
     against it in the others. lively (K + 1,): variance of their accelerations lately. Per camera (K, C): seen, when it last
     measured, s; square, the squared px residual; precision, 1/variance; deepness, 1/variance of its depth (0 where it has none).
-    refused (K,): views refused in a row. swaps (GROUPS,): share of swapped views. bones (B, 2): mean length, views. time (1,).
+    swaps (GROUPS,): share of swapped views. bones (B, 2): mean length, views. time (1,).
     """
 
     x: Array
@@ -79,7 +77,6 @@ class TrackState(NamedTuple):
     square: Array
     precision: Array
     deepness: Array
-    refused: Array
     swaps: Array
     bones: Array
     time: Array
@@ -102,7 +99,6 @@ def unborn(session: SessionArrays) -> TrackState:
         square=square,
         precision=precision,
         deepness=deepness,
-        refused=np.zeros(k),
         swaps=np.zeros(GROUPS),
         bones=np.zeros((len(session.ends), 2)),
         time=np.zeros(1),

@@ -9,14 +9,13 @@ import numpy as np
 
 from posefuse.foundation.compiled import kernel
 
-from .body import alone, centre_body, hold_depth, learn_bones, let_go_of_strays, start_missing
+from .body import alone, centre_body, drop_strays, hold_depth, learn_bones, start_missing
 from .rays import depth_row, expected, ray, squared, swap_person, swapped_groups
 from .state import GROUPS, all_models, combined, learn_liveliness, mix, predict_model
-from .updates import doubt, move_body, update
+from .updates import move_body, update
 
 _SWAP_MEMORY = 0.05  # weight of the newest view in the share of swapped ones
 _SWAP_STATE = 0.6  # when so many views are swapped it is the person who is
-_REFUSED_MOST = 4.0  # a keypoint that so many views in a row put elsewhere is elsewhere
 
 
 class ViewFigures(NamedTuple):
@@ -58,7 +57,7 @@ def step(person, t, view, session, deep=None):
         if person.swaps[g] > _SWAP_STATE:
             swap_person(person, session, g)
             person.swaps[g] = 0.0
-    let_go_of_strays(person.x[:k], person.share, means[:k])
+    drop_strays(person.x[:k], means[:k])
     learn_bones(person.bones, session.ends, means, spreads)
     learn_liveliness(person.lively, person.share, session.models, dt)
     centre_body(person.x, person.share)
@@ -113,7 +112,7 @@ def _carried_on(person, dt, session, means, spreads):
 def _work_in(view, t, source, person, means, spreads, session, deep=None):
     """Every keypoint's ray into the keypoint itself, once the body has moved; returns the first three of `ViewFigures`."""
     z, white, late, c = view.z, view.white, view.late_s, view.camera
-    x, cov, share, refused = person.x, person.cov, person.share, person.refused
+    x, cov, share = person.x, person.cov, person.share
     camera, rules = session.cameras[c], session.rules
     measured, gated, square = 0.0, 0.0, 0.0
     k, m = len(z), x.shape[1]
@@ -146,12 +145,7 @@ def _work_in(view, t, source, person, means, spreads, session, deep=None):
         nearest = update(x[i], cov[i], share[i], rows, away, spreads[k], rules.new_share, rules)
         if not nearest <= rules.gate_chi2:
             gated += 1.0
-            refused[i] += 1.0
-            if refused[i] >= _REFUSED_MOST:
-                refused[i] = 0.0
-                doubt(cov[i])
             continue
-        refused[i] = 0.0
         person.seen[i, c] = t
         combined(x[i], cov[i], share[i], means[i], spreads[i])
         for a in range(3):

@@ -12,8 +12,7 @@ from posefuse.tracking.smooth_kernels import add_product, inverse3
 from .rays import depth_row, expected, ray, squared
 from .state import combined, normalise
 
-_DOUBT_M, _DOUBT_M_S = 0.1, 2.0  # as much is then added to what is uncertain about it
-_FOUND_M = 0.03  # of a place where rays meet
+_FOUND_M, _FOUND_M_S = 0.03, 2.0  # of a place where rays meet, and of the motion there
 
 
 @kernel()
@@ -76,7 +75,6 @@ def begin_again(person, xyz):
     for i in range(k):
         if not math.isfinite(xyz[i, 0]):
             continue
-        person.refused[i] = 0.0
         for j in range(m):
             share[i, j] = 1.0 / m
             x[i, j, :] = 0.0
@@ -84,16 +82,7 @@ def begin_again(person, xyz):
             for a in range(3):
                 x[i, j, a] = xyz[i, a] - body[a]
                 cov[i, j, a, a] = _FOUND_M**2
-                cov[i, j, 3 + a, 3 + a] = _DOUBT_M_S**2
-
-
-@kernel()
-def doubt(cov):
-    """Make a keypoint's models (M, 9, 9) unsure where it is and how fast."""
-    for j in range(len(cov)):
-        for a in range(3):
-            cov[j, a, a] += _DOUBT_M**2
-            cov[j, 3 + a, 3 + a] += _DOUBT_M_S**2
+                cov[i, j, 3 + a, 3 + a] = _FOUND_M_S**2
 
 
 @kernel()
