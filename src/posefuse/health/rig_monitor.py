@@ -244,7 +244,7 @@ def _lasts(suspect: Suspect, steps: Sequence[tuple[int, Sums]], memory_s: float)
     """Whether most time steps of the last seconds show a rotation by themselves, each counting by what it could show.
 
     A camera that was moved shows it in all of them; one that takes another person for this one, for some tenths of a second
-    (0.3 s in each of ten walks: 7 cameras were named without this, 1 is with it).
+    (0.3 s in each of ten clips: 7 cameras were named without this, 1 is with it).
     """
     begin, shown = UNKNOWNS * suspect.camera, 0.0
     own = slice(begin + TURN.start, begin + TURN.stop)
