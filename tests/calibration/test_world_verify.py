@@ -234,6 +234,18 @@ def test_the_monitor_names_what_went_wrong_within_seconds(lab: Any) -> None:
     assert "lag by about +" in late[0].detail
 
 
+@pytest.mark.parametrize("seed", range(6))
+def test_lasting_errors_of_a_network_name_no_camera_and_hide_none_that_moved(lab: Any, seed: int) -> None:
+    """A network errs in each keypoint of each view in the same way for as long as it sees the body from there."""
+    lasting = 2.0 * np.random.default_rng([seed, 6]).standard_normal((len(lab.rig), 6, 2))
+    assert run_monitor(lab.rig, lambda t: walked(lab.rig, t) + lasting, seconds=20.0) == []
+    for camera in (0, 2):
+        after = turned(lab.rig, camera, [0.0, 0.03, 0.0])
+        found = run_monitor(lab.rig, lambda t, after=after: walked(lab.rig if t < 6 else after, t) + lasting, seconds=11.0)
+        assert [(one.kind, one.cameras) for one in found] == [("moved", (lab.rig.names[camera],))]
+        assert 6 <= found[0].t_ns / 1e9 < 9
+
+
 def test_a_camera_that_looks_at_another_person_is_not_called_moved(lab: Any) -> None:
     def another_person(t: float) -> np.ndarray:
         xy = walked(lab.rig, t)

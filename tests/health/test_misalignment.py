@@ -21,7 +21,7 @@ def test_sparse_equations_are_the_dense_ones(ring_rig: Callable[..., Rig], camer
     found = sums_of(rig, now, velocity)
     good = np.flatnonzero(np.isfinite(now.misfit_m) & np.isfinite(velocity).all(axis=1))
     weight = np.minimum(1.0, 2.0 * np.median(now.misfit_m[good]) / now.misfit_m[good])
-    information, pull = np.zeros((UNKNOWNS * cameras,) * 2), np.zeros(UNKNOWNS * cameras)
+    information, pull = np.zeros((count, *(UNKNOWNS * cameras,) * 2)), np.zeros((count, UNKNOWNS * cameras))
     for p, w in zip(good, weight, strict=True):
         design = np.zeros((2 * cameras, UNKNOWNS * cameras))
         for c, camera in enumerate(rig):
@@ -31,7 +31,7 @@ def test_sparse_equations_are_the_dense_ones(ring_rig: Callable[..., Rig], camer
                 design[2 * c : 2 * c + 2, UNKNOWNS * c : UNKNOWNS * (c + 1)] = moved[:2] - (at[:2] / at[2])[:, None] * moved[2]
         rows = now.rows[p].reshape(-1, 3)
         left = design - rows @ np.linalg.solve(rows.T @ rows + 1e-9 * np.eye(3), rows.T @ design)
-        information += w * left.T @ left
-        pull += w * left.T @ now.off_m[p].ravel()
+        information[p] = w * left.T @ left
+        pull[p] = w * left.T @ now.off_m[p].ravel()
     np.testing.assert_allclose(found.information, information, atol=1e-9 * np.abs(information).max())
     np.testing.assert_allclose(found.pull, pull, atol=1e-9 * np.abs(pull).max())

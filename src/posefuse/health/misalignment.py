@@ -54,8 +54,11 @@ class TriangulatedStep:
 class Sums:
     """Normal equations of time steps for the unknowns u (4 C) of all cameras; squares in m^2.
 
+    They are kept apart by keypoint: a network errs in a keypoint for as long as a view shows it alike, so keypoints are what
+    errs independently, not time steps.
+
     Attributes:
-        information: (4C, 4C), the points eliminated. pull: (4C,) right-hand side. squares: sum of squared residuals.
+        information: (P, 4C, 4C), the points eliminated. pull: (P, 4C) right-hand side. squares: sum of squared residuals.
         count: of redundant coordinates.
         own: (C, 4, 4) squares by which each camera's unknowns displace its own points. points: (C,) of them.
         places: (5,) of the middle of the points: how many, sums of x, y, z in m, and of their squares.
@@ -78,13 +81,12 @@ class Sums:
     @staticmethod
     def nothing(cameras: int) -> Sums:
         """No time step yet."""
-        square, own = np.zeros((UNKNOWNS * cameras,) * 2), np.zeros((cameras, UNKNOWNS, UNKNOWNS))
         return Sums(
-            information=square,
-            pull=np.zeros(UNKNOWNS * cameras),
+            information=np.zeros((1, UNKNOWNS * cameras, UNKNOWNS * cameras)),
+            pull=np.zeros((1, UNKNOWNS * cameras)),
             squares=0.0,
             count=0.0,
-            own=own,
+            own=np.zeros((cameras, UNKNOWNS, UNKNOWNS)),
             points=np.zeros(cameras),
             places=np.zeros(5),
         )
@@ -96,15 +98,15 @@ class Sums:
     def without(self, unknowns: slice) -> Sums:
         """What these unknowns of all cameras together leave over, for the other unknowns."""
         taken = np.tile(np.isin(np.arange(UNKNOWNS), np.arange(UNKNOWNS)[unknowns]), len(self.points))
-        normal, across = self.information[np.ix_(taken, taken)], self.information[np.ix_(~taken, taken)]
+        all_points = self.information.sum(axis=0)
+        normal = all_points[np.ix_(taken, taken)]
         # a common rotation of all cameras is hardly determined
-        normal = normal + _RIDGE * np.trace(normal) / len(normal) * np.eye(len(normal))
-        solved = np.linalg.solve(normal + 1e-9 * np.eye(len(normal)), np.column_stack([across.T, self.pull[taken]]))
-        information, pull = np.zeros_like(self.information), np.zeros_like(self.pull)
-        information[np.ix_(~taken, ~taken)] = self.information[np.ix_(~taken, ~taken)] - across @ solved[:, :-1]
-        pull[~taken] = self.pull[~taken] - across @ solved[:, -1]
-        squares = self.squares - float(self.pull[taken] @ solved[:, -1])
-        return replace(self, information=information, pull=pull, squares=squares)
+        normal = normal + (_RIDGE * np.trace(normal) / len(normal) + 1e-9) * np.eye(len(normal))
+        solved = np.linalg.solve(normal, np.column_stack([all_points[np.ix_(taken, ~taken)], self.pull[:, taken].sum(axis=0)]))
+        left = np.diag((~taken).astype(np.float64))
+        left[np.ix_(~taken, taken)] = -solved[:, :-1].T
+        squares = self.squares - float(self.pull[:, taken].sum(axis=0) @ solved[:, -1])
+        return replace(self, information=left @ self.information @ left.T, pull=self.pull @ left.T, squares=squares)
 
 
 def instant_of(rig: Rig, t_ns: int, xy_img: Array) -> TriangulatedStep:
@@ -148,17 +150,18 @@ def sums_of(rig: Rig, now: TriangulatedStep, velocity_world: Array) -> Sums:
     depth = np.maximum(xyz_cam[..., 2], _LEAST_DEPTH_M)
     across = moved[..., :2, :] - (xyz_cam[..., :2] / depth[..., None])[..., None] * moved[..., 2:, :]
     across = np.where(seen[..., None, None], across, 0.0)
-    own = np.einsum("p,pciu,pciv->cuv", weight, across, across)
+    own = np.einsum("p,pciu,pciv->cpuv", weight, across, across)
     # what the points can take up is taken out; each camera's rows know its own unknowns only: (P, 3, 4 C) joins them
     joint = np.einsum("pcix,pciu->pxcu", rows, across).reshape(len(rows), 3, UNKNOWNS * cameras)
     normal = np.einsum("pcix,pciy->pxy", rows, rows)
     taken = np.linalg.solve(normal + 1e-9 * np.eye(3), joint)
     common = weight[:, None, None] * (2 * joint - normal @ taken)
-    information = -np.tensordot(taken, common, axes=([0, 1], [0, 1]))
-    each = np.arange(cameras)
-    information.reshape(cameras, UNKNOWNS, cameras, UNKNOWNS)[each, :, each] += own
-    pull = np.einsum("p,pciu,pci->cu", weight, across, off).ravel()
-    pull -= np.einsum("p,pxv,pcix,pci->v", weight, taken, rows, off, optimize=True)
+    information, pull = np.zeros((len(good), UNKNOWNS * cameras, UNKNOWNS * cameras)), np.zeros((len(good), UNKNOWNS * cameras))
+    known, each = -np.swapaxes(taken, 1, 2) @ common, np.arange(cameras)
+    known.reshape(len(rows), cameras, UNKNOWNS, cameras, UNKNOWNS)[:, each, :, each] += own
+    information[good] = known
+    pull[good] = np.einsum("p,pciu,pci->pcu", weight, across, off).reshape(len(rows), -1)
+    pull[good] -= np.einsum("p,pxv,pcix,pci->pv", weight, taken, rows, off, optimize=True)
     redundant = 2 * seen.sum(axis=1) - 3
     squares, count = float((weight * redundant * misfit**2).sum()), float((weight * redundant).sum())
     middle = np.median(now.xyz_world[good], axis=0)
@@ -168,7 +171,7 @@ def sums_of(rig: Rig, now: TriangulatedStep, velocity_world: Array) -> Sums:
         pull=pull,
         squares=squares,
         count=count,
-        own=own,
+        own=own.sum(axis=1),
         points=(weight[:, None] * seen).sum(axis=0),
         places=places,
     )
