@@ -63,16 +63,11 @@ def fit_poses(
     """
     settings = settings or BodySettings()
     bodies = bodies if bodies is not None else bodies_from_poses(sequence)
-    work = FrameBuffers(sequence.skeleton)
-    poses = _Written(sequence, settings)
-    return poses.fit(_fit(sequence, _points_of(sequence), settings, bodies, work, poses))
 
-
-def _points_of(sequence: PoseSequence) -> _Measured:
     def measured(i: int, n: int, at: Array) -> Measurement:
         return of_points(int(sequence.t_ns[i]), sequence.xyz_world[i, n, at], sequence.cov_world[i, n, at])
 
-    return measured
+    return _fit(sequence, measured, settings, bodies, FrameBuffers(sequence.skeleton))
 
 
 def fit_views(
@@ -87,9 +82,9 @@ def fit_views(
 ) -> BodyFit:
     """Fit each person's skeleton directly to the rays of all views: a joint seen by one camera still counts.
 
-    `views` are of the people and times of `sequence`, to which the bodies are fitted first (`fit_poses`): that is where rays
-    start. Segment lengths start as medians over time. With `lengths` as a prior they are then solved together with poses
-    (`with_solved_lengths`), and a shoulder or hip without any 3D is no obstacle (`with_stand_ins`). Raises as `fit_poses`.
+    `views` are of the people and times of `sequence`, whose points are where rays start. Segment lengths start as medians over
+    time. With `lengths` as a prior they are then solved together with poses (`with_solved_lengths`), and a shoulder or hip
+    without any 3D is no obstacle (`with_stand_ins`). Raises as `fit_poses`.
 
     With `in_place` the poses are written where those of `sequence` lie, which nothing may read any more, and the joints are of
     no person: of an hour, each takes much memory.
@@ -99,10 +94,7 @@ def fit_views(
     start = sequence if lengths is None else with_stand_ins(sequence, lengths)
     if bodies is None:
         bodies = bodies_from_poses(start)
-    # keypoints of one body: among fused ones that do not belong together, rays may lead to a pose that explains only a few
-    near = _Written(start, settings, poses=False)
-    _fit(start, _points_of(start), settings, bodies, work, near)
-    near_world = nearest_in_time(near.xyz, sequence.skeleton)
+    near_world = nearest_in_time(start.xyz_world.copy(), sequence.skeleton)
 
     def seen_by(view: Views, i: int, n: int, at: Array) -> Measurement:
         xy, inverse_var = _rays_of(rig, view.xy_img[n][:, at], view.score[n][:, at], view.sigma_px[n][:, at])
@@ -128,8 +120,7 @@ def fit_views(
         place = i % _BLOCK_STEPS
         return seen_by(views_from(i - place).at(place), i, n, at)
 
-    poses = _Written(sequence, settings, joints=not in_place, in_place=in_place)
-    return poses.fit(_fit(sequence, measured, settings, bodies, work, poses, by_rays=True))
+    return _fit(sequence, measured, settings, bodies, work, by_rays=True, in_place=in_place)
 
 
 def _rays_of(rig: Rig, xy_img: Array, score: Array, sigma_px: Array) -> tuple[Array, Array]:
@@ -163,33 +154,23 @@ class _FarOff:
 
 
 class _Written:
-    """The points (T, N, K, 3) of a sequence into which fits are written; with `poses` all of them, and the joints if wanted."""
+    """The points (T, N, K, 3) of a sequence into which fits are written, and with them the joints if it is not in place."""
 
-    def __init__(
-        self, sequence: PoseSequence, settings: BodySettings, *, poses: bool = True, joints: bool = True, in_place: bool = False
-    ) -> None:
+    def __init__(self, sequence: PoseSequence, settings: BodySettings, *, in_place: bool) -> None:
         self._sequence, self._most_var = sequence, 3 * settings.most_sigma_m**2
-        self._poses, self._joints, self._in_place = poses, joints, in_place
+        self._in_place = in_place
         self._planes: list[Array] = []
-
-    @property
-    def xyz(self) -> Array:
-        """The points as they are now."""
-        return self._written()[0]
 
     def write(self, i: int, n: int, at: Array, fitted: Fitted) -> None:
         """One person at one time step: the keypoints that were seen, and of the others those that are sure."""
         sure = np.trace(fitted.cov, axis1=-2, axis2=-1) < self._most_var
         taken = sure | (self._sequence.kind[i, n, at] != Kind.MISSING)
-        xyz, *others = self._written()
+        xyz, cov, kind, *of_joints = self._written()
         kept = at[taken]
         xyz[i, n, kept] = fitted.xyz[taken]
-        if not others:
-            return
-        cov, kind, *of_joints = others
         cov[i, n, kept] = fitted.cov[taken]
         kind[i, n, kept] = np.where(kind[i, n, kept] == Kind.MISSING, Kind.INTERPOLATED, Kind.SMOOTHED)
-        if self._joints:
+        if not self._in_place:
             values = (*frames_of(fitted.rotation, fitted.origin), fitted.angles, fitted.sigmas)
             for plane, value in zip(of_joints, values, strict=True):
                 plane[i, n] = value
@@ -222,9 +203,7 @@ class _Written:
 
     def _before(self) -> list[Array]:
         poses = self._sequence
-        if not self._poses:
-            return [poses.xyz_world]
-        joints = joints_from_poses(poses if self._joints else poses.people(slice(0)))
+        joints = joints_from_poses(poses.people(slice(0)) if self._in_place else poses)
         frames = joints.world_from_segment
         return [poses.xyz_world, poses.cov_world, poses.kind, frames.wxyz, frames.xyz, joints.angle_rad, joints.sigma_rad]
 
@@ -235,12 +214,12 @@ def _fit(
     settings: BodySettings,
     bodies: Mapping[int, BodyModel],
     work: FrameBuffers,
-    written: _Written,
     *,
     by_rays: bool = False,
-) -> dict[int, BodyModel]:
-    """Fit each person and write it; returns the bodies of those whose fit did not fail."""
-    fitted = {}
+    in_place: bool = False,
+) -> BodyFit:
+    """Fit each person; `BodyFit.bodies` are those of people whose fit did not fail."""
+    written, fitted = _Written(sequence, settings, in_place=in_place), {}
     for n, person in enumerate(sequence.person_id.tolist()):
         if person not in bodies:
             continue
@@ -265,7 +244,7 @@ def _fit(
             written.undo(n)
         else:
             fitted[person] = body
-    return fitted
+    return written.fit(fitted)
 
 
 def _after_a_first_pass(
