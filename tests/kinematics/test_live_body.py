@@ -207,19 +207,6 @@ def test_a_fade_that_is_interrupted_steps_no_more() -> None:
         before = now
 
 
-def test_a_fit_that_rays_are_against_is_dropped(ring_rig, standing) -> None:
-    """All rays, and where the person is tracked, lie where the limits of joints do not let it go."""
-    impossible = standing.copy()
-    for side in ("left", "right"):
-        knee, ankle = (ANATOMICAL23.index(f"{side}_{joint}") for joint in ("knee", "ankle"))
-        foot = [i for i, name in enumerate(ANATOMICAL23.keypoints) if name.startswith(side) and ("toe" in name or "heel" in name)]
-        impossible[[ankle, *foot]] += 2.0 * (standing[knee] - standing[ankle])
-    body = body_with()
-    followed(body, ring_rig, standing, 1.0)
-    followed(body, ring_rig, impossible, 1.0, start_ns=1_000_000_000, checked=np.full(standing.shape, np.nan))
-    assert body.drops >= 1
-
-
 def test_missing_keypoints_do_not_move_the_others(ring_rig, standing) -> None:
     body, partly = body_with(), standing.copy()
     followed(body, ring_rig, standing, 1.0)
