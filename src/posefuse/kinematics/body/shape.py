@@ -35,8 +35,6 @@ _FIRST_ITERATIONS, _ITERATIONS = 30, 8
 _CONVERGED_M = 2e-4
 # what else a state would have to be pulled to for its equations to have a solution, in 1 / rad^2
 _WEAK = 1e-4
-# standard deviations from the mean of people beyond which a length is a mistake
-_MOST_UNUSUAL = 4.0
 # a state of turns and places, or normal equations
 _Pair = tuple[Array, Array]
 
@@ -83,12 +81,11 @@ def with_solved_lengths(
 def with_expected_lengths(body: BodyModel, prior: LengthPrior, sigma_m: float) -> BodyModel:
     """The body with its lengths drawn towards people's, as measurements of this standard deviation or more; no rays are used.
 
-    A length that varied over time counts less, and one that no person has does not count. `BodyModel.lengths` has their sigma.
+    A length that varied over time counts less. `BodyModel.lengths` has their sigma.
     """
     slopes = slopes_of(body, prior.names)
     metres = _metres(body, slopes)
-    unusual = np.abs(metres - prior.mean_m) / np.sqrt(np.diag(prior.cov_m2))
-    information = np.where(unusual < _MOST_UNUSUAL, 1 / (sigma_m**2 + _spreads(body, prior.names) ** 2), 0.0)
+    information = np.where(np.isfinite(metres), 1 / (sigma_m**2 + _spreads(body, prior.names) ** 2), 0.0)
     cov = np.linalg.inv(np.linalg.inv(prior.cov_m2) + np.diag(information))
     known = np.isfinite(metres)
     likely = prior.mean_m + cov @ (information * np.where(known, metres - prior.mean_m, 0.0))
