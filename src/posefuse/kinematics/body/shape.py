@@ -44,15 +44,14 @@ def with_solved_lengths(
 ) -> BodyModel:
     """The body with lengths estimated from its rays at these time steps and the prior; `BodyModel.lengths` has their sigma.
 
-    The noise is Student-t. Errors that last longer than the time between two time steps count less by that. Left and right
-    change by the same. Time steps without a pelvis to start from are left out.
+    The noise is Student-t, and errors of different time steps count as independent. Left and right change by the same. Time steps
+    without a pelvis to start from are left out.
 
     Args:
         body: lengths to start from. seen: rays, and points to start poses from, in time order.
     """
     slopes = slopes_of(body, prior.names)
     metres = _metres(body, slopes)
-    repeats = _repeats(seen, settings)
     poses: dict[int, _Pair] = {}
     known = np.linalg.inv(prior.cov_m2)
     information = known
@@ -66,8 +65,8 @@ def with_solved_lengths(
             poses[i] = state
             steps = _ITERATIONS if round_ else _FIRST_ITERATIONS
             _add_time_step(tree, slopes, one, settings, state, steps=steps, sums=(measured, slope))
-        information = known + measured / repeats
-        step = np.linalg.solve(information, known @ (prior.mean_m - metres) + slope / repeats)
+        information = known + measured
+        step = np.linalg.solve(information, known @ (prior.mean_m - metres) + slope)
         step *= min(1.0, _MOST_STEP_M / max(float(np.abs(step).max()), 1e-12))
         metres = metres + step
         body = replace(body, offset=body.offset + np.einsum("nsi,s->ni", slopes, step))
@@ -125,13 +124,6 @@ def _spreads(body: BodyModel, names: tuple[str, ...]) -> Array:
 def _keys(name: str) -> tuple[str, ...]:
     """Under which names of `BodyModel.lengths` a segment is."""
     return _NAMES.get(name, (f"left_{name}", f"right_{name}"))
-
-
-def _repeats(seen: Sequence[Measurement], settings: BodySettings) -> float:
-    if len(seen) < 2:
-        return 1.0
-    apart_s = (seen[-1].t_ns - seen[0].t_ns) * 1e-9 / (len(seen) - 1)
-    return max(1.0, settings.noise_memory_s / max(apart_s, 1e-9))
 
 
 def _add_time_step(
