@@ -134,8 +134,6 @@ class Fade:
 _FIRST_ITERATIONS, _FIT_ITERATIONS, _TICK_ITERATIONS = 30, 3, 1
 # keeps a degree of freedom where it was that nothing measures, radians and metres
 _LOOSE_SD = 0.3
-# the rays of one moment come every few ticks: a preference counts for less than in a fit of that moment alone
-_PREFERENCE = 3.0
 # a person who is tracked so far from the skeleton is elsewhere, or another one
 _ELSEWHERE_M = 0.3
 # nearer to a camera than this nothing is projected
@@ -349,6 +347,6 @@ class _Fit:
         q, rot = self._state
         expected = np.where(self._slack, 0.0, q), rot.copy()
         fit_kernels.descend(
-            self._tree, expected, self._loose, _PREFERENCE, seen, self._settings.robust_dof, 1.0, iterations, q, rot
+            self._tree, expected, self._loose, 1.0, seen, self._settings.robust_dof, 1.0, iterations, q, rot
         )  # fmt: skip
         tree_kernels.put_points(self._tree, q, rot, self._points)
