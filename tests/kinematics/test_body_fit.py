@@ -166,15 +166,6 @@ def test_a_fit_in_place_is_that_of_a_copy(noisy, fitted, rays):
     assert placed.bodies == copied.bodies and len(placed.joints.person_id) == 0
 
 
-def test_a_fit_in_place_that_fails_writes_nothing(noisy, rays):
-    clean, seen = noisy
-    giant = bodies_from_poses(replace(clean, xyz_world=clean.xyz_world * 1.6))
-    own = replace(seen, **arrays_of(seen, np.array))
-    assert not fit_views(own, *rays, WHITE, giant, in_place=True).bodies
-    for name in ("xyz_world", "cov_world", "kind"):
-        np.testing.assert_array_equal(getattr(own, name), getattr(seen, name))
-
-
 def test_an_outlier_moves_the_fit_little(noisy, fitted):
     clean, seen = noisy
     xyz, knee = seen.xyz_world.copy(), seen.skeleton.index("right_knee")
@@ -262,15 +253,6 @@ def test_a_person_hardly_seen_keeps_their_points(walk):
     neither = poses(xyz * np.nan, 0.005, RATE_HZ, one.skeleton, ids=[4, 9])
     for hardly in (neither, walk(3)):
         refusal(InputError, rf"both hips and both shoulders.*there are {len(hardly)}, and no person", fit_poses, hardly)
-
-
-@pytest.mark.parametrize(("larger", "kept"), ((1.6, False), (1.05, True)))
-def test_a_fit_far_from_the_fused_keypoints_is_dropped(noisy, larger, kept):
-    clean, seen = noisy
-    giant = bodies_from_poses(replace(clean, xyz_world=clean.xyz_world * larger))
-    fit = fit_poses(seen, WHITE, giant)
-    assert bool(fit.bodies) is kept
-    assert np.array_equal(fit.poses.xyz_world, seen.xyz_world, equal_nan=True) is not kept
 
 
 def test_a_person_who_was_never_fitted_keeps_their_points(noisy, fitted):

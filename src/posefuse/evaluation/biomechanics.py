@@ -21,7 +21,7 @@ from posefuse.formats.joint_centres import joint_centres_from_mapping
 from posefuse.formats.mot import motion_from_joints, write_mot
 from posefuse.foundation.settings import settings
 from posefuse.kinematics import joints_from_poses, undefined_segments
-from posefuse.kinematics.animation import animation_from_joints, animation_gap
+from posefuse.kinematics.animation import animation_from_joints
 from posefuse.kinematics.body import bodies_from_poses, fit_poses, fit_views
 from posefuse.kinematics.definitions import joints_without_points
 from posefuse.kinematics.gait import Gait, gait_from_poses
@@ -108,8 +108,8 @@ def write_biomechanics(
 
     ``angles.csv``, ``report.html``, and ``gait_cycles.csv`` if a person walks. Per person ``angles.mot``
     (OpenSim), ``points_angles.c3d``, ``skeleton.bvh`` (centimetres, Y up), ``skeleton.glb``, and with `opensim` a folder
-    ``opensim``. With several people these names end in ``_ID``. People who cannot be animated (`animation_gap` gives the reason)
-    have no skeleton files.
+    ``opensim``. With several people these names end in ``_ID``. People who cannot be animated (`animation_from_joints`
+    gives the reason) have no skeleton files.
 
     Args:
         recording: the result. folder: where to write. chosen: what is made of it. title: of the page.
@@ -172,10 +172,11 @@ def _person_files(
         return [*notes, f"no points_angles{ending}.c3d, skeleton{ending}.bvh and .glb: {uneven}"], made
     made.append(folder / f"points_angles{ending}.c3d")
     write_c3d(made[-1], _c3d_data(poses, joints, n, name))
-    if gap := animation_gap(joints, n):
-        return [*notes, f"no skeleton{ending}.bvh and .glb: {gap}"], made
+    try:
+        animation = animation_from_joints(poses, joints, n)
+    except InputError as error:
+        return [*notes, f"no skeleton{ending}.bvh and .glb: {error}"], made
     made += [folder / f"skeleton{ending}.bvh", folder / f"skeleton{ending}.glb"]
-    animation = animation_from_joints(poses, joints, n)
     write_bvh(made[-2], animation, _CENTIMETRES)
     write_gltf(made[-1], animation, skin=skin_of(animation))
     return notes, made

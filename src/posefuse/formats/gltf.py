@@ -33,7 +33,7 @@ class Skin:
     Attributes:
         vertices: (V, 3) metres, as the mesh was bound. faces: (F, 3), counter-clockwise from outside.
         joint, weight: (V, 4), (V, 4) which joints move each vertex, and how much; rows of weight sum to 1.
-        joint_from_mesh: (J, 4, 4) place of the bound mesh in the axes of each joint, stretched to the person's segments.
+        joint_from_mesh: (J, 4, 4) place of the bound mesh in the axes of each joint.
     """
 
     vertices: Array

@@ -99,19 +99,6 @@ def _rooted(name: str, names: list[str]) -> bool:
     return name == "pelvis" or (PARENT[name] in names and _rooted(PARENT[name], names))
 
 
-def animation_gap(joints: JointAngles, person: int = 0) -> str | None:
-    """Why this person cannot be animated as they are: one time step, a segment missing too long; None if they can."""
-    if len(joints.t_ns) < 2:
-        return "expected at least 2 time steps, got 1"
-    frames, t_s, seen_s = joints.world_from_segment[:, person], joints.t_ns * 1e-9, _seen_s(joints, person)
-    for s, name in enumerate(joints.segments):
-        known = np.isfinite(frames.xyz[:, s, 0])
-        problem = _gap(name, t_s[known], seen_s) if known.any() or name == "pelvis" else None
-        if problem:
-            return problem
-    return None
-
-
 def _seen_s(joints: JointAngles, person: int) -> tuple[float, float] | None:
     """When the pelvis is seen first and last, session seconds; None: never."""
     known = np.isfinite(joints.world_from_segment.xyz[:, person, joints.segments.index("pelvis"), 0])
@@ -138,7 +125,7 @@ def _filled(name: str, t_s: Array, rotation: Array, origin: Array, seen_s: tuple
     known = np.flatnonzero(np.isfinite(rotation[:, 0, 0]))
     problem = _gap(name, t_s[known], seen_s)
     if problem:
-        raise InputError(f"animation: {problem}")
+        raise InputError(problem)
     if len(known) == len(t_s):
         return rotation, origin
     inside = np.clip(t_s, t_s[known[0]], t_s[known[-1]])

@@ -74,8 +74,6 @@ class LiveBodyRules:
         new_share: how much of the difference from the tracked keypoints is taken from the newest fit, the rest from those before.
         far_m, far_sigmas, far_checks: a fit with a keypoint farther than both limits from robust fusion in so many checks running
             is dropped.
-        worse_by, worse_fits: so is one whose rays are off by so much more than those of the tracked keypoints (mean squared
-            distance in standard deviations) in so many fits running.
         fade_s: after a fit began or was dropped, the pose passes so long from the tracked to the fitted one, or back.
     """
 
@@ -91,8 +89,6 @@ class LiveBodyRules:
     far_m: float = 0.1
     far_sigmas: float = 3.0
     far_checks: int = 3
-    worse_by: float = 2.0
-    worse_fits: int = 10
     fade_s: float = 0.2
 
 

@@ -1,7 +1,7 @@
 """Feet that stand: which points of them are at rest on the floor when, and where.
 
-A point of a foot is in contact while it is slow, at its lowest height, and does not drift. During one stance it neither moves nor
-sinks: its place is the mean over the stance, its height the mean of that and of all stances of the person, which share one floor.
+A point of a foot is in contact while it is slow and does not drift. During one stance it neither moves nor sinks: its place is
+the mean over the stance.
 """
 
 from __future__ import annotations
@@ -22,8 +22,6 @@ _SLOW_M_S = 0.25
 # speed is measured from so long before to so long after: from frame to frame it is noise, the more the faster the cameras
 _SPEED_OVER_S, _SAME_S = 0.1, 1e-3
 _LEAST_S = 0.15
-# of the height of a point: what counts as its lowest, and how much higher it may stand
-_LOWEST_PERCENT, _AS_LOW_M = 5.0, 0.03
 # from the first to the last third of a stance: what goes farther is a foot that moves slowly
 _MOST_DRIFT_M, _MOST_DRIFT_M_S = 0.04, 0.15
 
@@ -44,13 +42,8 @@ def contacts_of(t_ns: Array, xyz: Array, cov: Array, skeleton: Skeleton, keypoin
         foot = foot_rows(skeleton, keypoint, side, FOOT)
         for column in foot_rows(skeleton, keypoint, side, SOLE):
             track = xyz[:, column]
-            stances = list(_stances(t_ns * 1e-9, track))
-            if not stances:
-                continue
-            floor_m = float(np.median(np.concatenate([track[one, 2] for one in stances])))
-            for one in stances:
-                middle = np.mean(track[one], axis=0)
-                places[one, column] = [*middle[:2], (middle[2] + floor_m) / 2]
+            for one in _stances(t_ns * 1e-9, track):
+                places[one, column] = np.mean(track[one], axis=0)
                 shared[one, foot] = np.mean(cov[one, foot], axis=0)
     return places, shared
 
@@ -66,9 +59,7 @@ def _stances(t_s: Array, xyz: Array) -> Iterator[slice]:
     known = np.isfinite(xyz).all(axis=-1)
     if known.sum() < 3 or len(t_s) < 3:
         return
-    speed = _speed_m_s(t_s, xyz)
-    low = xyz[:, 2] < np.nanpercentile(xyz[:, 2], _LOWEST_PERCENT) + _AS_LOW_M
-    stands = known & low & (np.nan_to_num(speed, nan=np.inf) < _SLOW_M_S)
+    stands = known & (np.nan_to_num(_speed_m_s(t_s, xyz), nan=np.inf) < _SLOW_M_S)
     for begin, end in np.flatnonzero(np.diff(np.concatenate([[0], stands.astype(int), [0]]))).reshape(-1, 2):
         third = max(1, (end - begin) // 3)
         drift = np.linalg.norm(xyz[end - third : end].mean(axis=0) - xyz[begin : begin + third].mean(axis=0))

@@ -27,10 +27,6 @@ _BLOCK_STEPS = 500
 _Measured = Callable[[int, int, Array], Measurement]
 _Seen = Callable[[], Iterator[Measurement]]
 
-# a fit has failed when a keypoint is farther from the fused one than this and than so many of its standard deviations for this
-# share of the time; fits that found the right limb while fusion was misled by a false one stay below a quarter
-_FAILED_M, _FAILED_SIGMAS, _FAILED_SHARE = 0.1, 3.0, 1 / 3
-
 
 @dataclass(frozen=True, eq=False)
 class BodyFit:
@@ -38,8 +34,7 @@ class BodyFit:
 
     Attributes:
         poses: the keypoints of the fitted skeletons, gaps filled, with their covariance. Points the tree does not carry, and
-            time steps before a person could be fitted, are as they were; so is everything of a person without a body or whose
-            fit failed: for a third of the time, a keypoint was far from where the fused one is.
+            time steps before a person could be fitted, are as they were; so is everything of a person without a body.
         joints: angles and frames with the uncertainty of the fit.
         bodies: each fitted person's skeleton, by person_id; `BodyModel.lengths` has the segment lengths with their spread.
     """
@@ -63,16 +58,11 @@ def fit_poses(
     """
     settings = settings or BodySettings()
     bodies = bodies if bodies is not None else bodies_from_poses(sequence)
-    work = FrameBuffers(sequence.skeleton)
-    poses = _Written(sequence, settings)
-    return poses.fit(_fit(sequence, _points_of(sequence), settings, bodies, work, poses))
 
-
-def _points_of(sequence: PoseSequence) -> _Measured:
     def measured(i: int, n: int, at: Array) -> Measurement:
         return of_points(int(sequence.t_ns[i]), sequence.xyz_world[i, n, at], sequence.cov_world[i, n, at])
 
-    return measured
+    return _fit(sequence, measured, settings, bodies, FrameBuffers(sequence.skeleton))
 
 
 def fit_views(
@@ -87,9 +77,9 @@ def fit_views(
 ) -> BodyFit:
     """Fit each person's skeleton directly to the rays of all views: a joint seen by one camera still counts.
 
-    `views` are of the people and times of `sequence`, to which the bodies are fitted first (`fit_poses`): that is where rays
-    start. Segment lengths start as medians over time. With `lengths` as a prior they are then solved together with poses
-    (`with_solved_lengths`), and a shoulder or hip without any 3D is no obstacle (`with_stand_ins`). Raises as `fit_poses`.
+    `views` are of the people and times of `sequence`, whose points are where rays start. Segment lengths start as medians over
+    time. With `lengths` as a prior they are then solved together with poses (`with_solved_lengths`), and a shoulder or hip
+    without any 3D is no obstacle (`with_stand_ins`). Raises as `fit_poses`.
 
     With `in_place` the poses are written where those of `sequence` lie, which nothing may read any more, and the joints are of
     no person: of an hour, each takes much memory.
@@ -99,10 +89,7 @@ def fit_views(
     start = sequence if lengths is None else with_stand_ins(sequence, lengths)
     if bodies is None:
         bodies = bodies_from_poses(start)
-    # keypoints of one body: among fused ones that do not belong together, rays may lead to a pose that explains only a few
-    near = _Written(start, settings, poses=False)
-    _fit(start, _points_of(start), settings, bodies, work, near)
-    near_world = nearest_in_time(near.xyz, sequence.skeleton)
+    near_world = nearest_in_time(start.xyz_world.copy(), sequence.skeleton)
 
     def seen_by(view: Views, i: int, n: int, at: Array) -> Measurement:
         xy, inverse_var = _rays_of(rig, view.xy_img[n][:, at], view.score[n][:, at], view.sigma_px[n][:, at])
@@ -128,8 +115,7 @@ def fit_views(
         place = i % _BLOCK_STEPS
         return seen_by(views_from(i - place).at(place), i, n, at)
 
-    poses = _Written(sequence, settings, joints=not in_place, in_place=in_place)
-    return poses.fit(_fit(sequence, measured, settings, bodies, work, poses, by_rays=True))
+    return _fit(sequence, measured, settings, bodies, work, by_rays=True, in_place=in_place)
 
 
 def _rays_of(rig: Rig, xy_img: Array, score: Array, sigma_px: Array) -> tuple[Array, Array]:
@@ -141,63 +127,27 @@ def _rays_of(rig: Rig, xy_img: Array, score: Array, sigma_px: Array) -> tuple[Ar
     return np.ascontiguousarray(np.swapaxes(np.where(seen[..., None], xy, 0.0), 0, 1)), np.ascontiguousarray(inverse_var.T)
 
 
-class _FarOff:
-    """In how many time steps each keypoint (A,) of one person's fit is far from the fused one."""
-
-    def __init__(self, sequence: PoseSequence, n: int, at: Array) -> None:
-        self._xyz, self._cov, self._at = sequence.xyz_world[:, n], sequence.cov_world[:, n], at
-        self._count, self._far, self._known = 0, np.zeros(len(at), int), np.zeros(len(at), int)
-
-    def add(self, i: int, fitted: Array) -> None:
-        """Where the fit has the keypoints (A, 3) at time step `i`."""
-        off_m = np.linalg.norm(fitted - self._xyz[i, self._at], axis=-1)
-        sigma_m = np.sqrt(np.trace(self._cov[i, self._at], axis1=-2, axis2=-1))
-        self._count += 1
-        self._far += off_m > np.maximum(_FAILED_M, _FAILED_SIGMAS * sigma_m)
-        self._known += np.isfinite(off_m) & np.isfinite(sigma_m)
-
-    @property
-    def failed(self) -> bool:
-        """Whether the fit found nothing, or another pose than was seen."""
-        return not self._count or bool((self._far > _FAILED_SHARE * np.maximum(self._known, self._count / 2)).any())
-
-
 class _Written:
-    """The points (T, N, K, 3) of a sequence into which fits are written; with `poses` all of them, and the joints if wanted."""
+    """The points (T, N, K, 3) of a sequence into which fits are written, and with them the joints if it is not in place."""
 
-    def __init__(
-        self, sequence: PoseSequence, settings: BodySettings, *, poses: bool = True, joints: bool = True, in_place: bool = False
-    ) -> None:
+    def __init__(self, sequence: PoseSequence, settings: BodySettings, *, in_place: bool) -> None:
         self._sequence, self._most_var = sequence, 3 * settings.most_sigma_m**2
-        self._poses, self._joints, self._in_place = poses, joints, in_place
+        self._in_place = in_place
         self._planes: list[Array] = []
-
-    @property
-    def xyz(self) -> Array:
-        """The points as they are now."""
-        return self._written()[0]
 
     def write(self, i: int, n: int, at: Array, fitted: Fitted) -> None:
         """One person at one time step: the keypoints that were seen, and of the others those that are sure."""
         sure = np.trace(fitted.cov, axis1=-2, axis2=-1) < self._most_var
         taken = sure | (self._sequence.kind[i, n, at] != Kind.MISSING)
-        xyz, *others = self._written()
+        xyz, cov, kind, *of_joints = self._written()
         kept = at[taken]
         xyz[i, n, kept] = fitted.xyz[taken]
-        if not others:
-            return
-        cov, kind, *of_joints = others
         cov[i, n, kept] = fitted.cov[taken]
         kind[i, n, kept] = np.where(kind[i, n, kept] == Kind.MISSING, Kind.INTERPOLATED, Kind.SMOOTHED)
-        if self._joints:
+        if not self._in_place:
             values = (*frames_of(fitted.rotation, fitted.origin), fitted.angles, fitted.sigmas)
             for plane, value in zip(of_joints, values, strict=True):
                 plane[i, n] = value
-
-    def undo(self, n: int) -> None:
-        """One person as before."""
-        for plane, unfitted in zip(self._planes, self._before() if self._planes else (), strict=True):
-            plane[:, n : n + 1] = unfitted[:, n : n + 1]
 
     def fit(self, bodies: Mapping[int, BodyModel]) -> BodyFit:
         """All that was written."""
@@ -222,9 +172,7 @@ class _Written:
 
     def _before(self) -> list[Array]:
         poses = self._sequence
-        if not self._poses:
-            return [poses.xyz_world]
-        joints = joints_from_poses(poses if self._joints else poses.people(slice(0)))
+        joints = joints_from_poses(poses.people(slice(0)) if self._in_place else poses)
         frames = joints.world_from_segment
         return [poses.xyz_world, poses.cov_world, poses.kind, frames.wxyz, frames.xyz, joints.angle_rad, joints.sigma_rad]
 
@@ -235,12 +183,12 @@ def _fit(
     settings: BodySettings,
     bodies: Mapping[int, BodyModel],
     work: FrameBuffers,
-    written: _Written,
     *,
     by_rays: bool = False,
-) -> dict[int, BodyModel]:
-    """Fit each person and write it; returns the bodies of those whose fit did not fail."""
-    fitted = {}
+    in_place: bool = False,
+) -> BodyFit:
+    """Fit each person; `BodyFit.bodies` are those of people who could be fitted at any time."""
+    written, fitted = _Written(sequence, settings, in_place=in_place), {}
     for n, person in enumerate(sequence.person_id.tolist()):
         if person not in bodies:
             continue
@@ -249,29 +197,21 @@ def _fit(
         def seen(n: int = n, at: Array = at) -> Iterator[Measurement]:
             return (measured(i, n, at) for i in range(len(sequence)))
 
-        far_off = _FarOff(sequence, n, at)
-        steps = _after_a_first_pass(body, seen, sequence.t_ns, settings, work, far_off) if by_rays else seen()
-        if by_rays and far_off.failed:
-            continue
+        stand = by_rays and settings.contact_sigma_m > 0
         filter_ = BodyFilter(body, settings, work)
         reader = StateReader(filter_, work)
+        steps = _with_standing_feet(body, seen, sequence.t_ns, settings, work) if stand else seen()
         for i, (one, state) in enumerate(smoothed(filter_, steps)):
             if state is not None:
-                found = reader.read(state, one)
-                written.write(i, n, at, found)
-                if not by_rays:
-                    far_off.add(i, found.xyz)
-        if far_off.failed:
-            written.undo(n)
-        else:
-            fitted[person] = body
-    return fitted
+                written.write(i, n, at, reader.read(state, one))
+                fitted[person] = body
+    return written.fit(fitted)
 
 
-def _after_a_first_pass(
-    body: BodyModel, seen: _Seen, t_ns: Array, settings: BodySettings, work: FrameBuffers, far_off: _FarOff
+def _with_standing_feet(
+    body: BodyModel, seen: _Seen, t_ns: Array, settings: BodySettings, work: FrameBuffers
 ) -> Iterator[Measurement]:
-    """What was seen, with the places of feet that stand; a first fit shows which do, and whether it can be trusted."""
+    """What was seen, with the places of feet that stand; a first fit shows which do."""
     feet = [row for side in SIDES for row in foot_rows(body.skeleton, body.keypoint, side, FOOT)]
     points, cov = np.full((len(t_ns), len(feet), 3), np.nan), np.full((len(t_ns), len(feet), 3, 3), np.nan)
     filter_ = BodyFilter(body, settings, work)
@@ -279,10 +219,7 @@ def _after_a_first_pass(
     for i, (_, state) in enumerate(smoothed(filter_, seen())):
         if state is not None:
             xyz, spread = reader.points(state)
-            far_off.add(i, xyz)
             points[i], cov[i] = xyz[feet], spread[feet]
-    if not settings.contact_sigma_m:
-        return seen()
     contacts = contacts_of(t_ns, points, cov, body.skeleton, body.keypoint[feet])
     return _standing(seen(), feet, contacts, len(body.keypoint))
 

@@ -134,12 +134,8 @@ class Fade:
 _FIRST_ITERATIONS, _FIT_ITERATIONS, _TICK_ITERATIONS = 30, 3, 1
 # keeps a degree of freedom where it was that nothing measures, radians and metres
 _LOOSE_SD = 0.3
-# the rays of one moment come every few ticks: a preference counts for less than in a fit of that moment alone
-_PREFERENCE = 3.0
 # a person who is tracked so far from the skeleton is elsewhere, or another one
 _ELSEWHERE_M = 0.3
-# beyond so many standard deviations a ray is no more than wrong
-_WRONG_SIGMAS = 5.0
 # nearer to a camera than this nothing is projected
 _LEAST_DEPTH_M = 0.05
 _AXES = np.eye(3)
@@ -186,12 +182,6 @@ class LiveRays:
         """
         return variance_factor(squared_misses(points, self.projections, self.xy, self.inverse_var), _GAUSSIAN_DOF)
 
-    def loss(self, points: Array, at: Array) -> float:
-        """Mean squared distance of keypoints `at` (A, 3) from rays in standard deviations, by coordinate, large ones cut."""
-        square = 0.5 * squared_misses(points, self.projections, self.xy[at], self.inverse_var[at])
-        known = square[np.isfinite(square)]
-        return float(np.minimum(known, _WRONG_SIGMAS**2).mean()) if len(known) else 0.0
-
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class TrackedPoints:
@@ -207,7 +197,7 @@ class LiveBody:
     """Follows one person. Time steps must come in the order of their times.
 
     Attributes:
-        learnt: the skeleton. drops: how often a fit was dropped because it disagreed with rays or robust fusion.
+        learnt: the skeleton. drops: how often a fit was dropped because it disagreed with robust fusion, or the person jumped.
         disagreement: (K,) of the newest rays around the tracked keypoints, see `LiveRays`.
     """
 
@@ -257,7 +247,7 @@ class LiveBody:
             self._fit = self._started(body, tracked, rays)
         elif self._fit is not None:
             self._fit.to_rays(tracked, rays, _FIT_ITERATIONS)
-        if self._fit is not None and self._fit.disagrees(tracked, rays, newly_checked):
+        if self._fit is not None and newly_checked and self._fit.disagrees(tracked, rays):
             self._drop()
         self._checked_ns = rays.checked_ns
 
@@ -291,7 +281,6 @@ class _Fit:
         self._feet = StandingFeet(body.skeleton, body.keypoint)
         self._soles = body.keypoint[self._feet.rows]
         self._far = np.zeros(count, np.int64)
-        self._worse = 0
         self._no_rays = np.zeros((0, 3, 4)), np.zeros((count, 0, 2)), np.zeros((count, 0))
 
     def with_body(self, body: BodyModel) -> _Fit | None:
@@ -345,23 +334,19 @@ class _Fit:
         last = int(np.isfinite(squared).sum()) - 1
         return last >= 0 and math.sqrt(squared[last // 2]) + math.sqrt(squared[(last + 1) // 2]) > 2 * _ELSEWHERE_M
 
-    def disagrees(self, tracked: TrackedPoints, rays: LiveRays, newly_checked: bool) -> bool:
-        """Whether rays, or robust fusion, have been against this fit for a while."""
+    def disagrees(self, tracked: TrackedPoints, rays: LiveRays) -> bool:
+        """Whether robust fusion has been against this fit for a while."""
         at, live = self._body.keypoint, self._live
-        points = self._points
-        if newly_checked:
-            away_m = np.linalg.norm(points - rays.checked_world[at], axis=1)
-            sigma_m = np.sqrt(np.trace(tracked.cov[at], axis1=1, axis2=2) / 3)
-            far = away_m > np.maximum(live.far_m, live.far_sigmas * sigma_m)
-            self._far = np.where(far, self._far + 1, 0)
-        mine, theirs = rays.loss(points, at), rays.loss(tracked.xyz[at], at)
-        self._worse = self._worse + 1 if mine > theirs + live.worse_by else 0
-        return bool((self._far >= live.far_checks).any()) or self._worse >= live.worse_fits
+        away_m = np.linalg.norm(self._points - rays.checked_world[at], axis=1)
+        sigma_m = np.sqrt(np.trace(tracked.cov[at], axis1=1, axis2=2) / 3)
+        far = away_m > np.maximum(live.far_m, live.far_sigmas * sigma_m)
+        self._far = np.where(far, self._far + 1, 0)
+        return bool((self._far >= live.far_checks).any())
 
     def _solve(self, seen: fit_kernels.SeenKeypoints, iterations: int) -> None:
         q, rot = self._state
         expected = np.where(self._slack, 0.0, q), rot.copy()
         fit_kernels.descend(
-            self._tree, expected, self._loose, _PREFERENCE, seen, self._settings.robust_dof, 1.0, iterations, q, rot
+            self._tree, expected, self._loose, 1.0, seen, self._settings.robust_dof, 1.0, iterations, q, rot
         )  # fmt: skip
         tree_kernels.put_points(self._tree, q, rot, self._points)

@@ -47,7 +47,10 @@ class Template:
         return {name: mean + shape @ self.point_shapes[name] for name, mean in self.points.items()}
 
     def shape_of(self, lengths_m: Mapping[str, float]) -> Array:
-        """(N,) the likeliest shape of a body with these lengths (`length_names`); unknown ones are left out."""
+        """(N,) the likeliest shape of a body with these lengths (`length_names`); unknown ones are left out.
+
+        The mesh of a simulated child of 6 then lies 10 mm from its skin; the mean body stretched to its lengths, 26 mm.
+        """
         names = [name for name in length_names() if name in lengths_m]
         wanted = np.array([lengths_m[name] for name in names])
         shape = np.zeros(len(self.vertex_shapes))
@@ -91,20 +94,16 @@ def template() -> Template:
 
 _FORWARD, _RIGHT = np.array([1.0, 0, 0]), np.array([0, -1.0, 0])
 _NEXT = {"upper_arm": "forearm", "forearm": "hand", "thigh": "shank", "shank": "foot"}
-_STRETCH = (0.7, 1.4)
 _MOST_JOINTS = 4
 
 
 def skin_of(skeleton: BvhData) -> Skin:
-    """A mesh of the likeliest body with this skeleton's lengths (`kinematics.animation.animation_from_joints`).
-
-    Each segment is then stretched along itself to be exactly as long as the skeleton's.
-    """
+    """A mesh of the likeliest body with this skeleton's lengths (`kinematics.animation.animation_from_joints`)."""
     body = template()
     rest = dict(zip(skeleton.names, skeleton.rest_positions(), strict=True))
     shape = body.shape_of(_lengths(rest))
     points = body.points_of(shape)
-    bound = {name: _bound(name, points, rest) for name in body.segments if name in rest}
+    bound = {name: _bound(name, points) for name in body.segments if name in rest}
     index = {name: j for j, name in enumerate(skeleton.names)}
     weight = np.zeros((len(body.weights), len(skeleton.names)))
     for s, name in enumerate(body.segments):
@@ -141,52 +140,41 @@ def _carrier(segment: str, rest: Mapping[str, Array]) -> str:
     return segment
 
 
-def _bound(segment: str, points: Mapping[str, Array], rest: Mapping[str, Array]) -> Array:
+def _bound(segment: str, points: Mapping[str, Array]) -> Array:
     """(4, 4) from the template to the axes of a joint whose segment lies along the axes of the file at rest."""
-    axes, origin, stretch = _frame(segment, points, rest)
+    axes, origin = _frame(segment, points)
     matrix = np.eye(4)
-    matrix[:3, :3] = FILE_FROM_SEGMENT @ np.diag(np.clip(stretch, *_STRETCH)) @ axes.T
+    matrix[:3, :3] = FILE_FROM_SEGMENT @ axes.T
     matrix[:3, 3] = -matrix[:3, :3] @ origin
     return matrix
 
 
-def _frame(segment: str, points: Mapping[str, Array], rest: Mapping[str, Array]) -> tuple[Array, Array, Array]:
-    """Axes (3, 3) X, Y, Z of a segment of the template as `kinematics.definitions` has them, its origin, how much longer (3,)."""
+def _frame(segment: str, points: Mapping[str, Array]) -> tuple[Array, Array]:
+    """Axes (3, 3) X, Y, Z of a segment of the template as `kinematics.definitions` has them, and its origin."""
 
     def middle(name: str) -> Array:
         return (points[f"left_{name}"] + points[f"right_{name}"]) / 2
 
-    def width(joint: str, other: str) -> float:
-        if f"left_{other}" not in rest or f"right_{other}" not in rest:
-            return 1.0
-        have = np.linalg.norm(points[f"left_{joint}"] - points[f"right_{joint}"])
-        return float(np.linalg.norm(rest[f"left_{other}"] - rest[f"right_{other}"]) / have)
-
     hips, neck = middle("hip"), middle("shoulder")
     if segment in ("pelvis", "thorax"):
-        ends = [rest[f"{side}_upper_arm"] for side in SIDES if f"{side}_upper_arm" in rest]
-        tall = np.linalg.norm(np.mean(ends, axis=0) - rest["pelvis"]) / np.linalg.norm(neck - hips) if ends else 1.0
-        wide = width("hip", "thigh") if segment == "pelvis" else width("shoulder", "upper_arm")
-        return _axes(Y=neck - hips, Z=_RIGHT), hips, np.array([1.0, tall, wide])
+        return _axes(Y=neck - hips, Z=_RIGHT), hips
     if segment == "head":
         ears = middle("ear")
         z, x = points["right_ear"] - points["left_ear"], points["nose"] - ears
         level = Rotation.from_rotvec(NOSE_BELOW_RAD * z / np.linalg.norm(z)).apply(x)
-        return _axes(Y=np.cross(z, level), Z=z), ears, np.ones(3)
+        return _axes(Y=np.cross(z, level), Z=z), ears
     side, part = segment.split("_", 1)
     at = {name.removeprefix(f"{side}_"): point for name, point in points.items() if name.startswith(side)}
     if part == "foot":
         along, up = (at["big_toe"] + at["small_toe"]) / 2 - at["heel"], at["ankle"] - at["heel"]
         z = np.cross(along, up)
-        return _axes(Y=np.cross(z, along), Z=z), at["ankle"], np.ones(3)
+        return _axes(Y=np.cross(z, along), Z=z), at["ankle"]
     if part == "hand":
         across, origin = at["index"] - at["pinky"], at["wrist"]
-        return _axes(Y=origin - (at["index"] + at["pinky"]) / 2, Z=across if side == "right" else -across), origin, np.ones(3)
+        return _axes(Y=origin - (at["index"] + at["pinky"]) / 2, Z=across if side == "right" else -across), origin
     origin, end = (at[name] for name in LIMB_ENDS[part])
-    begin_at, end_at = rest[segment], rest.get(_end(f"{side}_{_NEXT[part]}", rest))
-    longer = 1.0 if end_at is None else np.linalg.norm(end_at - begin_at) / np.linalg.norm(end - origin)
     ahead = _FORWARD if part in ("thigh", "shank") else _bend(at)
-    return _axes(Y=origin - end, Z=np.cross(ahead, origin - end)), origin, np.array([1.0, longer, 1.0])
+    return _axes(Y=origin - end, Z=np.cross(ahead, origin - end)), origin
 
 
 def _bend(at: Mapping[str, Array]) -> Array:
