@@ -27,6 +27,7 @@ _TURN_SCALE_RAD_S = 1e-3
 _TIME_BLOCKS = 16
 # a view agrees within so many standard deviations, which are this at least, px
 _INLIER_SIGMA, _LEAST_AGREEING_PX = 4.0, 0.2
+_LEAST_JUDGED = 6
 
 
 @dataclass(frozen=True)
@@ -161,11 +162,18 @@ class SolvedRig:
         np.maximum.at(worst, self.seen.group, square)
         return np.asarray(worst <= _INLIER_SIGMA**2)
 
-    @property
-    def agreeing(self) -> Array:
-        """(C,) share of each camera's markers in an image, or of its keypoints, that agree."""
-        camera, count = self.seen.camera[self.seen.group_starts()], len(self.cameras)
-        return np.bincount(camera, self.inlier, count) / np.maximum(np.bincount(camera, minlength=count), 1)
+    def agreeing(self, parts: int = 1) -> Array:
+        """(C, parts) share of each camera's markers in an image, or of its keypoints, that agree, in parts of the recording.
+
+        1 where a part has fewer than 6.
+        """
+        first, count = self.seen.group_starts(), len(self.cameras)
+        part = self.seen.time_step[first] * parts // max(len(self.seen.t_s), 1)
+        place = self.seen.camera[first] * parts + part
+        there = np.bincount(place, minlength=count * parts)
+        agree = np.bincount(place, self.inlier, count * parts)
+        share = np.where(there < _LEAST_JUDGED, 1.0, agree / np.maximum(there, 1))
+        return np.asarray(share.reshape(count, parts))
 
     def again(self, **freed: Any) -> Self:
         """Solved once more from here, with the fields `freed` of `Freedom` besides the poses of cameras and patches."""
