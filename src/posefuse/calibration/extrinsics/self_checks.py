@@ -281,9 +281,7 @@ def solution_checks(task: RigTask, solved: Solved, before: list[Check]) -> list[
     determined = check_determined(solved)
     quick = [
         *([check_carried(task.observations, solved)] if task.options.own_intrinsics else []),
-        check_agreeing(
-            solved, LIMITS.agreeing_share, LIMITS.agreeing_parts, "it was moved, late, or its frames have wrong times"
-        ),
+        check_agreeing(solved, LIMITS.agreeing_share, LIMITS.agreeing_parts, "it was moved, is late, or has wrong times"),
         check_facing(solved),
         check_fit(solved),
         determined,
