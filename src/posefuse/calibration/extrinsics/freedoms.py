@@ -318,7 +318,7 @@ def standing_freed(solved: SolvedRig, least_rad: float) -> Freed:
         now, place = moves[0].solved, [*place, moves[0].of]
         left = [c for c in left if c not in [move.of for move in alike]]
     detail = f"the largest step is {worst:.0%} of what would be noticed" if not words else "; ".join(words)
-    remedy = "fasten it, and record again; or use the part before or after that time"
+    remedy = "fasten it, switch autofocus off, and record again; or use the part before or after that time"
     as_before = replace(now, seen=replace(now.seen, camera=np.array(place)[now.seen.camera]))
     return Freed(Check("cameras stand still", not words, detail, remedy), as_before, 7 * len(words))
 
