@@ -16,11 +16,9 @@ from scipy.optimize import linear_sum_assignment
 from posefuse.calibration.geometry import Lenses, Poses
 from posefuse.calibration.report import Check
 from posefuse.calibration.targets.corners import CornerObservations
-from posefuse.calibration.targets.coverage import linked_groups
 from posefuse.calibration.targets.kinds import Charuco
 from posefuse.core import CalibrationError, Camera
 from posefuse.core.arrays import Array
-from posefuse.core.view_sequences import nearest_frames
 
 from .bootstrap import PropShape, prop_path, rough_offsets
 from .freedoms import (
@@ -134,7 +132,6 @@ def solve_from_scratch(task: RigTask, observations: CornerObservations, clocks: 
     return solved, int((~used).sum())
 
 
-_SHARED_TIME, _AT_ONCE_S = 0.25, 0.05
 _FOCUS = "focus or zoom has changed since they were calibrated, or they are of another camera: calibrate them again"
 
 
@@ -190,23 +187,8 @@ def clocks_off(task: RigTask) -> Iterator[Freed]:
         with suppress(CalibrationError):
             solved, lost = solve_from_scratch(task, task.observations, clocks, start)
             check = check_clocks(solved)
-            if not check.passed and _see_together(task.observations, solved.solution.state.delay_s[:, 0]):
+            if not check.passed:
                 yield Freed(check, solved, frees * (count - 1), lost)
-
-
-def _see_together(observations: CornerObservations, delay_s: Array) -> bool:
-    """Whether all cameras hang together through pairs that see the target at once for a good part of their frames.
-
-    With offsets that are wide enough, a little of any two recordings overlaps.
-    """
-    seen = [np.unique(observations.t_ns[observations.camera == c]) / 1e9 - late for c, late in enumerate(delay_s)]
-    linked = np.eye(len(seen), dtype=bool)
-    for a, first in enumerate(seen):
-        for b, second in enumerate(seen):
-            if a != b and len(first) and len(second):
-                apart = np.abs(first - second[nearest_frames(second, first)])
-                linked[a, b] = (apart < _AT_ONCE_S).sum() >= _SHARED_TIME * min(len(first), len(second))
-    return len(linked_groups(linked | linked.T)) == 1
 
 
 def unsteady(task: RigTask, solved: Solved) -> Iterator[Freed]:
