@@ -124,6 +124,7 @@ class Limits:
             Judgement: what a board gives, and the limits above.
         late_s, drift, late_sigma: clocks of synchronised cameras. 4 ms is 4 mm at 1 m/s.
         apart_m: two cameras nearer than this share a body. Judgement.
+        facing_share: of marker views that must show the printed face. Judgement; a mirrored board has 0.
         upside_down_cosine: of the image's up direction with the world's. Judgement: 120 deg.
         target_spread_share: of an image's width, by which a corner must spread over the recording in some camera. Judgement: a
             hand that holds a target still sways by less.
@@ -149,6 +150,7 @@ class Limits:
     drift: float = 1e-4
     late_sigma: float = 5.0
     apart_m: float = 0.03
+    facing_share: float = 0.9
     upside_down_cosine: float = -0.5
     target_spread_share: float = 0.01
     target_side_m: tuple[float, float] = (0.004, 2.0)

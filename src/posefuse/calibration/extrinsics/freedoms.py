@@ -343,7 +343,7 @@ def _largest_step(solved: SolvedRig, c: int, least_rad: float) -> _Step:
 def _costs(solved: SolvedRig, seen: Snapshots) -> Array:
     """(N,) robust cost of each of these image points in a solution."""
     off = residuals_px(seen, solved.corners, solved.cameras, solved.solution.state) / seen.noise[:, None]
-    return np.log1p(np.nan_to_num((off**2).sum(axis=1) / solved.solution.sigma_px**2, nan=1e6))
+    return np.asarray(np.log1p(np.nan_to_num((off**2).sum(axis=1) / solved.solution.sigma_px**2, nan=1e6)))
 
 
 def _step_between(xy: Array, least_px: float) -> tuple[float, int, int, float]:

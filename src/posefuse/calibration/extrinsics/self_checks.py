@@ -179,6 +179,28 @@ def camera_differences(first: Poses, second: Poses) -> tuple[Array, Array]:
     return np.linalg.norm(a.t - a.t.mean(axis=0) - moved, axis=1), angle_between(a.R, turn @ b.R)
 
 
+def check_facing(solved: Solved) -> Check:
+    """The printed faces look at the cameras that see them: a mirrored board looks away, and so does one too small to show its
+    slant, which would else be refused as undetermined (`tests/calibration/test_refusals.py`)."""
+    seen, state = solved.seen, solved.solution.state
+    first = seen.group_starts()
+    world_from_patch = state.world_from_prop[seen.time_step[first]] @ state.prop_from_patch[seen.patch[first]]
+    cam_from_patch = state.cam_from_world[seen.camera[first]] @ world_from_patch
+    middle = np.stack([cam_from_patch.move(np.tile(corner, (len(first), 1))) for corner in solved.corners[0]]).mean(axis=0)
+    facing = ((cam_from_patch.R[:, :, 2] * middle).sum(axis=1) < 0) & (middle[:, 2] > 0)
+    share = {
+        camera.name: float(facing[seen.camera[first] == c].mean())
+        for c, camera in enumerate(solved.cameras)
+        if (seen.camera[first] == c).any()
+    }
+    worst = min(share, key=lambda name: share[name])
+    return Check(
+        "nothing is mirrored", share[worst] >= LIMITS.facing_share,
+        f"{share[worst]:.0%} of {worst}'s views see the printed face (needed {LIMITS.facing_share:.0%})",
+        "the board is described mirrored, the image is flipped, or the markers are too small to show their slant", "input",
+    )  # fmt: skip
+
+
 def check_cameras_apart(cameras: Sequence[Camera], cam_from_world: Poses) -> Check:
     """No two cameras share a body."""
     a, b, distance_m = nearest_two(cam_from_world.inverse().t)
@@ -261,6 +283,7 @@ def solution_checks(task: RigTask, solved: Solved, before: list[Check]) -> list[
     quick = [
         *([check_carried(task.observations, solved)] if task.options.own_intrinsics else []),
         check_agreeing(solved, LIMITS.agreeing_share, LIMITS.agreeing_parts, "it was moved, is late, or has wrong times"),
+        check_facing(solved),
         check_fit(solved),
         determined,
         check_cameras_apart(solved.cameras, solved.solution.state.cam_from_world),
