@@ -9,7 +9,7 @@ from itertools import combinations
 import numpy as np
 
 from posefuse.calibration.extrinsics.prop_solve import Freedom, SolvedRig, focal_change, focal_sigma
-from posefuse.calibration.extrinsics.snapshots import Snapshots, evenly_shared, snapshots
+from posefuse.calibration.extrinsics.snapshots import Snapshots, evenly, snapshots
 from posefuse.calibration.extrinsics.world import aligned, placed_by_rig, triangulate_linear
 from posefuse.calibration.geometry import Lenses, angle_between, centre_covariance_m2
 from posefuse.calibration.targets.corners import CornerObservations
@@ -134,7 +134,12 @@ def _each_patch_alone(seen: Snapshots) -> Snapshots:
     used, place = np.unique(key, return_inverse=True)
     present = np.zeros((len(used), int(seen.camera.max(initial=0)) + 1), bool)
     present[place, seen.camera] = True
-    chosen = evenly_shared(present, _MOST_VIEWS, _LEAST_VIEWS)
+    several = np.flatnonzero(present.sum(axis=1) >= 2)
+    chosen = evenly(several, _MOST_VIEWS)
+    for c in range(present.shape[1]):
+        # a camera that seldom sees the target needs more than its share
+        if present[chosen, c].sum() < _LEAST_VIEWS:
+            chosen = np.union1d(chosen, evenly(several[present[several, c]], _LEAST_VIEWS))
     number = np.full(len(used), -1)
     number[chosen] = np.arange(len(chosen))
     t_s = seen.t_s[used[chosen] // len(seen.patches)]

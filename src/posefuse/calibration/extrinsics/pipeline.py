@@ -45,7 +45,7 @@ class Options:
     """How to solve.
 
     Attributes:
-        time_steps: about how many key time steps are used at most.
+        time steps: key time steps used at most.
         clocks: ``together`` (the cameras are synchronised), ``offset`` or ``drift`` (estimate each camera's clock),
             ``auto`` (taken as synchronised, and estimated when they turn out not to be).
         lens_sigma: standard errors (6,) of `LENS_PARAMETERS` to refine the intrinsics by; None keeps them.
@@ -148,7 +148,9 @@ def link(task: RigTask, seen: Snapshots) -> Links:
 
 def key_snapshots(task: RigTask, delay_s: Array) -> Snapshots:
     """Corners at the key time steps."""
-    return snapshots(task.observations, pick_time_steps(task.observations, task.options.time_steps, delay_s), delay_s)
+    options = task.options
+    time_steps = pick_time_steps(task.observations, options.time_steps, delay_s, prefer_slow=options.clocks == "together")
+    return snapshots(task.observations, time_steps, delay_s)
 
 
 def starting_clocks(task: RigTask) -> Array:

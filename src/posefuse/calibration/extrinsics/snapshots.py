@@ -18,6 +18,7 @@ from posefuse.core.view_sequences import nearest_frames
 
 # corners are interpolated over one lost frame, and never over more than this
 _LONGEST_GAP_S = 0.4
+_SLOW_PX_S = 150.0
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -117,21 +118,8 @@ def evenly(items: Array, most: int) -> Array:
     return np.asarray(items[np.unique(np.linspace(0, len(items) - 1, min(len(items), most)).astype(np.int64))])
 
 
-def evenly_shared(present: Array, most: int, least: int) -> Array:
-    """Indices of time steps (T,) at which two cameras or more are present (T, C): `most` of them, evenly over all.
-
-    A camera that is seldom there needs more than its share: it gets `least`, where it has so many.
-    """
-    several = np.flatnonzero(present.sum(axis=1) >= 2)
-    chosen = evenly(several, most)
-    for mine in present.T:
-        if mine[chosen].sum() < least:
-            chosen = np.union1d(chosen, evenly(several[mine[several]], least))
-    return chosen
-
-
-def pick_time_steps(observations: CornerObservations, most: int, delay_s: Array) -> Array:
-    """About `most` times (T,) ns, spread over the recording; at least 2 cameras each, and a quarter of them with each camera."""
+def pick_time_steps(observations: CornerObservations, most: int, delay_s: Array, prefer_slow: bool) -> Array:
+    """At most `most` times (T,) ns, spread over the images, the camera pairs and the recording; at least 2 cameras each."""
     counts = np.bincount(observations.camera, minlength=len(observations.cameras))
     reference = int(np.argmax(counts))
     candidates = np.unique(observations.t_ns[observations.camera == reference])
@@ -140,8 +128,48 @@ def pick_time_steps(observations: CornerObservations, most: int, delay_s: Array)
         # times at which the busiest camera saw nothing
         distance = np.abs(others - candidates[nearest_frames(candidates, others)])
         candidates = np.unique(np.concatenate([candidates, others[distance > np.median(np.diff(candidates))]]))
-    candidates = candidates[:: max(1, len(candidates) // (6 * most))]
+    thin = max(1, len(candidates) // (6 * most))
+    return _greedy(observations, candidates[::thin], most, delay_s, prefer_slow)
+
+
+def _greedy(observations: CornerObservations, candidates: Array, most: int, delay_s: Array, prefer_slow: bool) -> Array:
     seen = snapshots(observations, candidates, delay_s)
-    present = np.zeros((len(candidates), len(counts)), bool)
-    present[seen.time_step, seen.camera] = True
-    return candidates[evenly_shared(present, most, most // 4)]
+    cameras, time_steps = len(observations.cameras), len(candidates)
+    pair = seen.time_step * cameras + seen.camera
+    corners = np.bincount(pair, minlength=time_steps * cameras).reshape(time_steps, cameras)
+    present = corners > 0
+    total = np.stack([np.bincount(pair, seen.xy_img[:, k], time_steps * cameras) for k in (0, 1)], axis=-1)
+    centre = total.reshape(time_steps, cameras, 2) / np.maximum(corners, 1)[..., None]
+    share = centre / np.array(observations.sizes_wh, np.float64)
+    cell = np.clip((share * 4).astype(np.int64), 0, 3) @ np.array([4, 1])
+    speed = np.bincount(seen.time_step, np.linalg.norm(seen.velocity_px_s, axis=1), time_steps) / np.maximum(
+        corners.sum(axis=1), 1
+    )
+    worth = (corners.sum(axis=1) / np.maximum(present.sum(axis=1), 1)) ** 0.5
+    if prefer_slow:
+        worth = worth / (1 + speed / _SLOW_PX_S)
+    return candidates[_take(present, cell, worth, most)]
+
+
+def _take(present: Array, cell: Array, worth: Array, most: int) -> Array:
+    """Indices of time steps, each the one that adds most where little has been seen so far.
+
+    Every n-th instead refuses a camera of which every third time stamp is wrong (`tests/calibration/test_between_frames.py`).
+    """
+    time_steps, cameras = present.shape
+    both = present[:, :, None] & present[:, None, :]
+    cell_count, pair_count = np.zeros((cameras, 16)), np.zeros((cameras, cameras))
+    time_count = np.zeros(16)
+    section = np.arange(time_steps) * 16 // max(time_steps, 1)
+    possible = present.sum(axis=1) >= 2
+    taken: list[int] = []
+    columns = np.arange(cameras)
+    while len(taken) < most and possible.any():
+        gain = (present / (1 + cell_count[columns, cell])).sum(axis=1) + (both / (1 + pair_count)).sum(axis=(1, 2)) / 2
+        best = int(np.argmax(np.where(possible, gain * worth / (1 + time_count[section]) ** 0.5, -1.0)))
+        taken.append(best)
+        possible[best] = False
+        np.add.at(cell_count, (columns[present[best]], cell[best, present[best]]), 1)
+        pair_count += both[best]
+        time_count[section[best]] += 1
+    return np.array(sorted(taken), dtype=np.int64)
