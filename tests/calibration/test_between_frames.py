@@ -10,12 +10,13 @@ import pytest
 from bench.faults.sessions import scale_of
 from bench.faults.waved_props import Faults, Waving, cube, observe_prop
 from posefuse.calibration.extrinsics.causes import FrameTimes
+from posefuse.calibration.extrinsics.freedoms import camera_moves
 from posefuse.calibration.extrinsics.pipeline import Options, RigTask, solve, starting_clocks
-from posefuse.calibration.extrinsics.self_checks import check_still
+from posefuse.calibration.extrinsics.self_checks import check_agreeing
 from posefuse.calibration.extrinsics.snapshots import Snapshots, snapshots
 from posefuse.calibration.extrinsics.target import calibrate_extrinsics
 from posefuse.calibration.geometry import poses_of
-from posefuse.calibration.report import RefusedCalibration
+from posefuse.calibration.report import LIMITS, RefusedCalibration
 from posefuse.calibration.targets.corners import CornerObservations
 from posefuse.calibration.targets.kinds import Markers
 from posefuse.core import SE3, Rig
@@ -120,7 +121,8 @@ def test_corners_sharper_than_stamps_are_right_show_no_camera_that_moved(lab: An
     )
     solved = solve(task, starting_clocks(task))
     assert solved.solution.sigma_px < 0.1
-    assert check_still(solved).passed
+    assert check_agreeing(solved, LIMITS.agreeing_share, LIMITS.agreeing_parts, "").passed
+    assert camera_moves(solved).check.passed
 
 
 @pytest.mark.slow

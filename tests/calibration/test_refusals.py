@@ -12,7 +12,7 @@ from calibrating import zoomed
 from checks import refusal
 
 from bench.faults import command_cases, file_cases, good_sessions, person_cases, prop_cases, verify_cases
-from bench.faults.sessions import errors, moved, one_changed, prop_session
+from bench.faults.sessions import errors, moved, one_changed, prop_session, switched
 from bench.faults.verdict import RIGHT, SILENT, verdict
 from bench.faults.waved_props import Faults, Waving, board, cube, observe_prop
 from posefuse.calibration.bundle import clustered_covariance
@@ -114,6 +114,14 @@ def test_a_wrong_camera_is_blamed_and_not_those_that_are_measured_against_it() -
     cameras = one_changed(session.rig.cameras, turned_one, moved(session.rig.cameras[turned_one], 0.0, 0.5, 4))
     found = verify(Rig(cameras), session.watch(), session.target)
     assert [one.name for one in found.cameras if one.excess > 1] == [session.rig.names[turned_one]]
+
+
+@pytest.mark.slow
+def test_a_camera_refocused_by_two_per_cent_while_it_records_is_named_with_the_time() -> None:
+    session = prop_session(51)
+    seen = switched(session.watch(), session.watch(Rig(zoomed(session.rig, 2, 1.02))), 2, 15.0)
+    with pytest.raises(RefusedCalibration, match=r"cam02 was moved at about 1[3-7] s"):
+        calibrate_extrinsics(seen, session.rig.cameras, session.target, Options(time_steps=120, clocks="together"))
 
 
 CASES = (*prop_cases.CASES, *person_cases.CASES, *verify_cases.CASES, *file_cases.CASES, *command_cases.CASES)

@@ -106,13 +106,10 @@ class Limits:
 
     Attributes:
         corner_spread_px_per_1000: of a corner coordinate, per 1000 px of image width. The four webcams of `caliscope` leave 0.32.
-        segments, segment_views, segment_share: the recording is cut into so many parts; a part of a camera with so many views
-            must agree by this share. Judgement.
+        agreeing_parts, agreeing_share: the recording is cut into so many parts; in each, a camera must agree by this share of its
+            views. Judgement: a third of the time stamps may be wrong.
         position_sigma_share: standard error of a camera's position over the target's usual distance. Judgement: 20 mm of 4 m.
-        spread_ratio: of residuals in one rig to those in a rig for each half. Good sessions: 1.1 (bench), four webcams of
-            `caliscope` 1.24, whose lens model is not quite theirs.
-        moved_sigma: a spread ratio above its limit refuses with a pose that differs between the halves by so many standard
-            errors. Judgement.
+        moved_rad: a step of a camera's view that is no more is not noticed. Judgement: 7 mm at 4 m.
         turned_rad: a camera may turn by this against the others over the recording, as in the background of its images
             (`health.background`). Three of the webcams, which stand still, show 0.15 deg of 9 standard errors.
         focal_share: focal lengths that are let free may change by this. Judgement: twice the standard error of intrinsics from a
@@ -136,12 +133,10 @@ class Limits:
     """
 
     corner_spread_px_per_1000: float = 1.5
-    segments: int = 10
-    segment_views: int = 6
-    segment_share: float = 0.5
+    agreeing_parts: int = 10
+    agreeing_share: float = 0.5
     position_sigma_share: float = 0.005
-    spread_ratio: float = 1.5
-    moved_sigma: float = 2.5
+    moved_rad: float = float(np.deg2rad(0.1))
     turned_rad: float = float(np.deg2rad(0.35))
     focal_share: float = 0.005
     centre_rad: float = float(np.deg2rad(1.0))

@@ -149,36 +149,51 @@ def apart(times: Array, least: float) -> Array:
 
 
 # two frames further apart than this many periods are not interpolated between
-_LONGEST_GAP_PERIODS = 2.2
+LONGEST_GAP_PERIODS = 2.2
+# a frame is given as it is at the moment of its exposure
+_SAME_S = 1e-4
 
 
 def at_times(t_s: Array, values: Array, wanted_s: Array) -> Array:
-    """Values (F, ..., D) known at rising t_s (F,), read at wanted_s (W,): (W, ..., D).
+    """As `between_frames`, with no frame lost but one; the values alone."""
+    longest_s = LONGEST_GAP_PERIODS * float(np.median(np.diff(t_s))) if len(t_s) > 1 else 0.0
+    return between_frames(t_s, values, wanted_s, longest_s)[0]
+
+
+def between_frames(t_s: Array, values: Array, wanted_s: Array, longest_s: float) -> tuple[Array, Array]:
+    """Values (F, ..., D) known at rising t_s (F,), read at wanted_s (W,), and their rates per second: both (W, ..., D).
 
     Cubic between two neighbouring frames with the slopes of their neighbours (Catmull and Rom 1974), so that a wild frame does
-    no harm beyond them. NaN outside and where a frame is missing; a frame at the moment asked for is given as it is.
+    no harm beyond them. NaN outside, where frames are farther apart than `longest_s` and where one is missing; a frame at the
+    moment asked for is given as it is.
     """
-    if len(t_s) < 2:
-        same = (wanted_s[:, None] == t_s).any(axis=1).reshape(-1, *[1] * (values.ndim - 1))
-        return np.where(same, values[:1], np.nan)
-    after = np.clip(np.searchsorted(t_s, wanted_s), 1, len(t_s) - 1)
-    before = after - 1
-    span = (t_s[after] - t_s[before]).reshape(-1, *[1] * (values.ndim - 1))
-    share = (wanted_s - t_s[before]).reshape(span.shape) / span
-    slopes = _slopes(t_s, values)
-    p, q = values[before], values[after]
-    line = (q - p) / span
-    m, n = (np.where(np.isfinite(slopes[i]), slopes[i], line) for i in (before, after))
-    curve = p + span * share * (m + share * ((3 * line - 2 * m - n) + share * (m + n - 2 * line)))
-    reach = _LONGEST_GAP_PERIODS * float(np.median(np.diff(t_s)))
-    inside = (share >= 0) & (share <= 1) & (span <= reach)
-    curve = np.where(inside, curve, np.nan)
+    before = np.clip(np.searchsorted(t_s, wanted_s + _SAME_S, side="right") - 1, 0, len(t_s) - 1)
+    after = np.minimum(before + 1, len(t_s) - 1)
+    column = (-1, *[1] * (values.ndim - 1))
+    since, span = ((one - t_s[before]).reshape(column) for one in (wanted_s, t_s[after]))
+    slopes = _slopes(t_s, values, longest_s)
+    share, p, line = since / np.where(span > 0, span, 1.0), values[before], values[after] - values[before]
+    m, n = slopes[before] * span, slopes[after] * span
+    bend, twist = 3 * line - 2 * m - n, m + n - 2 * line
+    curve = p + share * (m + share * (bend + share * twist))
+    rate = (m + share * (2 * bend + 3 * share * twist)) / np.where(span > 0, span, 1.0)
+    exact, inside = np.abs(since) <= _SAME_S, (since > 0) & (since < span) & (span <= longest_s)
     # a neighbour that is missing does not matter at a frame's own moment
-    return np.where(share == 0, p, np.where(share == 1, q, curve))
+    known = np.where(exact, p, np.where(inside, curve, np.nan))
+    return known, np.where(exact, slopes[before], np.where(inside, rate, np.nan))
 
 
-def _slopes(t_s: Array, values: Array) -> Array:
-    """(F, ..., D) from each frame's neighbours; NaN where one is missing."""
-    slopes = np.full(values.shape, np.nan)
-    slopes[1:-1] = (values[2:] - values[:-2]) / (t_s[2:] - t_s[:-2]).reshape(-1, *[1] * (values.ndim - 1))
-    return slopes
+def _slopes(t_s: Array, values: Array, longest_s: float) -> Array:
+    """(F, ..., D) from the neighbours of each frame on both sides; from one where that is all there is, and 0 from none."""
+    step = np.diff(t_s).reshape(-1, *[1] * (values.ndim - 1))
+    chord = np.where((step > 0) & (step <= longest_s), np.diff(values, axis=0) / np.where(step > 0, step, 1.0), np.nan)
+    nothing, no_time = np.full_like(values[:1], np.nan), np.zeros((1, *step.shape[1:]))
+    left, right = np.concatenate([nothing, chord]), np.concatenate([chord, nothing])
+    gap_left, gap_right = np.concatenate([no_time, step]), np.concatenate([step, no_time])
+    both = (left * gap_right + right * gap_left) / np.maximum(gap_left + gap_right, 1e-12)
+    slope = np.where(np.isnan(left), right, np.where(np.isnan(right), left, both))
+    # the parabola through three frames has 2 * chord - slope at one end of a chord if it has that slope at the other end
+    inner, first, final = np.isfinite(both), np.isnan(left), np.isnan(right)
+    slope[:-1] = np.where(first[:-1] & inner[1:], 2 * chord - slope[1:], slope[:-1])
+    slope[1:] = np.where(final[1:] & inner[:-1], 2 * chord - slope[:-1], slope[1:])
+    return np.asarray(np.nan_to_num(slope))

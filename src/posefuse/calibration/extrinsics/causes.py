@@ -13,19 +13,27 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.optimize import linear_sum_assignment
 
-from posefuse.calibration.geometry import Lenses, Poses, angle_between
+from posefuse.calibration.geometry import Lenses, Poses
 from posefuse.calibration.report import Check
 from posefuse.calibration.targets.corners import CornerObservations
-from posefuse.calibration.targets.coverage import linked_groups
 from posefuse.calibration.targets.kinds import Charuco
 from posefuse.core import CalibrationError, Camera
 from posefuse.core.arrays import Array
-from posefuse.core.view_sequences import nearest_frames
 
 from .bootstrap import PropShape, prop_path, rough_offsets
-from .freedoms import Freed, board_freed, check_clocks, clocks_freed, lens_change, lenses_freed, most_turned, turn_freed
+from .freedoms import (
+    Freed,
+    board_freed,
+    camera_moves,
+    check_clocks,
+    clocks_freed,
+    lens_change,
+    lenses_freed,
+    most_turned,
+    turn_freed,
+)
 from .pipeline import TIME_STEPS, RigTask, Solved, solve
-from .prop_solve import residuals_px
+from .prop_solve import SolvedRig
 from .snapshots import middle_ns, snapshots
 
 # residuals beyond so many standard deviations count ever less
@@ -64,7 +72,7 @@ def likely_target_causes(task: RigTask, solved: Solved | None) -> tuple[Cause, .
     return best_causes(solved, [*trials, *clocks_off(task)])
 
 
-def best_causes(refused: Solved | None, trials: Sequence[Freed]) -> tuple[Cause, ...]:
+def best_causes(refused: SolvedRig | None, trials: Sequence[Freed]) -> tuple[Cause, ...]:
     """Of trials, as `likely_target_causes`."""
     if not trials:
         return ()
@@ -81,7 +89,7 @@ def best_causes(refused: Solved | None, trials: Sequence[Freed]) -> tuple[Cause,
     return (*near[:1], *alike[:1])
 
 
-def cause_check(causes: Sequence[Cause], refused: Solved | None) -> Check:
+def cause_check(causes: Sequence[Cause], refused: SolvedRig | None) -> Check:
     """The causes as a failed check, with the evidence."""
     first, checks = causes[0], [cause.freed.check for cause in causes]
     words = " or ".join(check.detail for check in checks)
@@ -93,14 +101,14 @@ def cause_check(causes: Sequence[Cause], refused: Solved | None) -> Check:
     return Check("cause", False, f"{words} ({evidence})", " or ".join(dict.fromkeys(c.remedy for c in checks)), checks[0].kind)
 
 
-def _spread_px(solved: Solved) -> float:
+def _spread_px(solved: SolvedRig) -> float:
     """Usual residual of a corner coordinate."""
     size = np.linalg.norm(solved.solution.residual_px, axis=1)
     size = size[np.isfinite(size)]
     return float(np.median(size) / 1.1774) if len(size) else np.inf
 
 
-def _cost(solved: Solved, lost: int, sigma_px: float) -> float:
+def _cost(solved: SolvedRig, lost: int, sigma_px: float) -> float:
     """Mean over the cameras of the robust cost of a corner."""
     square = np.nan_to_num((solved.solution.residual_px**2).sum(axis=1), nan=np.inf) / (2 * sigma_px**2)
     each, camera = np.minimum(np.log1p(square / _ROBUST**2), _LOST), solved.seen.camera
@@ -124,7 +132,6 @@ def solve_from_scratch(task: RigTask, observations: CornerObservations, clocks: 
     return solved, int((~used).sum())
 
 
-_SHARED_TIME, _AT_ONCE_S = 0.25, 0.05
 _FOCUS = "focus or zoom has changed since they were calibrated, or they are of another camera: calibrate them again"
 
 
@@ -180,23 +187,8 @@ def clocks_off(task: RigTask) -> Iterator[Freed]:
         with suppress(CalibrationError):
             solved, lost = solve_from_scratch(task, task.observations, clocks, start)
             check = check_clocks(solved)
-            if not check.passed and _see_together(task.observations, solved.solution.state.delay_s[:, 0]):
+            if not check.passed:
                 yield Freed(check, solved, frees * (count - 1), lost)
-
-
-def _see_together(observations: CornerObservations, delay_s: Array) -> bool:
-    """Whether all cameras hang together through pairs that see the target at once for a good part of their frames.
-
-    With offsets that are wide enough, a little of any two recordings overlaps.
-    """
-    seen = [np.unique(observations.t_ns[observations.camera == c]) / 1e9 - late for c, late in enumerate(delay_s)]
-    linked = np.eye(len(seen), dtype=bool)
-    for a, first in enumerate(seen):
-        for b, second in enumerate(seen):
-            if a != b and len(first) and len(second):
-                apart = np.abs(first - second[nearest_frames(second, first)])
-                linked[a, b] = (apart < _AT_ONCE_S).sum() >= _SHARED_TIME * min(len(first), len(second))
-    return len(linked_groups(linked | linked.T)) == 1
 
 
 def unsteady(task: RigTask, solved: Solved) -> Iterator[Freed]:
@@ -205,87 +197,11 @@ def unsteady(task: RigTask, solved: Solved) -> Iterator[Freed]:
     boards = [board_freed(solved)] if isinstance(task.target, Charuco) else []
     if not turning.check.passed:
         yield Freed(turning.check, solved.again(turning=most_turned(turning.solved)[:1]), 3)
-    yield from (freed for freed in (*boards, clocks) if not freed.check.passed)
+    yield from (freed for freed in (*boards, clocks, camera_moves(solved)) if not freed.check.passed)
 
 
-# stretches of a camera's residuals are compared for so many cameras, and have so many time steps at least
+# cameras whose stamps are looked at
 _CANDIDATES = 2
-_LEAST_STEPS = 6
-
-
-def moved_camera(task: RigTask, solved: Solved) -> Iterator[Freed]:
-    """One camera has another pose from some time step on."""
-    changes = [(_change_step(solved, c)[0], c) for c in range(len(task.cameras))]
-    for _, c in sorted(changes, reverse=True)[:_CANDIDATES]:
-        # the refused solution lies between before and after, and so do its residuals: they do not show the time
-        others = _solved_by_others(solved, c)
-        step = _change_step(others, c)[1]
-        if step >= 0:
-            yield _split(task, others, c, step)
-
-
-def _solved_by_others(solved: Solved, c: int) -> Solved:
-    """The solution of the other cameras; with the residuals of camera `c` there, whose pose and clock stay as they were."""
-    seen, rows = solved.seen, solved.seen.camera == c
-    reference = solved.links.reference if solved.links.reference != c else int(c == 0)
-    moving = tuple(i for i in range(len(solved.cameras)) if i not in (c, reference))
-    found = replace(solved, seen=seen.rows(~rows)).again(reference=reference, moving=moving).solution
-    residual_px = residuals_px(seen, solved.corners, solved.cameras, found.state)
-    return replace(solved, solution=replace(found, residual_px=residual_px))
-
-
-def _change_step(solved: Solved, c: int) -> tuple[float, int]:
-    """How much better two stretches of one camera's residuals are explained apart, and the time step where they part."""
-    steps, x, y, v = _camera_means(solved, c)
-    if len(steps) < 2 * _LEAST_STEPS:
-        return 0.0, -1
-
-    # residual = a + b * velocity, before and after: squares from running sums
-    sums = {name: np.cumsum(value) for name, value in {
-        "n": np.ones(len(steps)), "x": x, "y": y, "xx": x**2 + y**2, "vx": v[:, 0], "vy": v[:, 1], "vv": (v**2).sum(axis=1),
-        "xv": x * v[:, 0] + y * v[:, 1]}.items()}  # fmt: skip
-
-    def left(one: dict[str, Array]) -> Array:
-        n = np.maximum(one["n"], 1e-9)
-        vv = one["vv"] - (one["vx"] ** 2 + one["vy"] ** 2) / n
-        xv = one["xv"] - (one["x"] * one["vx"] + one["y"] * one["vy"]) / n
-        xx = one["xx"] - (one["x"] ** 2 + one["y"] ** 2) / n
-        return np.asarray(xx - xv**2 / np.maximum(vv, 1e-9))
-
-    last = {name: value[-1] - value for name, value in sums.items()}
-    both = left(sums) + left(last)
-    inner = slice(_LEAST_STEPS - 1, len(steps) - _LEAST_STEPS)
-    best = int(np.argmin(both[inner])) + _LEAST_STEPS - 1
-    whole = float(left({name: value[-1:] for name, value in sums.items()})[0])
-    return whole - float(both[best]), int(steps[best + 1])
-
-
-def _camera_means(solved: Solved, c: int) -> tuple[Array, Array, Array, Array]:
-    """Per time step of a camera: number, mean residual x and y, large ones cut, and mean velocity (n, 2)."""
-    seen, residual = solved.seen, solved.solution.residual_px
-    rows = (seen.camera == c) & np.isfinite(residual).all(axis=1)
-    steps, place, count = np.unique(seen.time_step[rows], return_inverse=True, return_counts=True)
-    mean = np.stack([np.bincount(place, residual[rows, k], len(steps)) / count for k in (0, 1)], axis=1)
-    velocity = np.stack([np.bincount(place, seen.velocity_px_s[rows, k], len(steps)) / count for k in (0, 1)], axis=1)
-    size = np.linalg.norm(mean, axis=1)
-    cut = max(3 * float(np.median(size)), 1.0) if len(size) else 1.0
-    clipped = mean * np.minimum(1.0, 4 * cut / np.maximum(size, 1e-9))[:, None]
-    return steps, clipped[:, 0], clipped[:, 1], velocity / 100.0
-
-
-def _split(task: RigTask, solved: Solved, c: int, step: int) -> Freed:
-    """Solve with the camera taken as two, before and after the step."""
-    t_s, count, seen = float(solved.seen.t_s[step]), len(solved.cameras), solved.seen
-    found = solved.with_camera_apart(c, ((seen.camera == c) & (seen.t_s[seen.time_step] >= t_s)).astype(np.int64))
-    pose = found.solution.state.cam_from_world
-    shift_m = float(np.linalg.norm(pose.inverse().t[count] - pose.inverse().t[c]))
-    turn_deg = float(np.rad2deg(angle_between(pose.R[count], pose.R[c])))
-    at_s = t_s + (middle_ns(task.observations) - task.observations.t_ns.min()) / 1e9
-    words = f"{solved.cameras[c].name} was moved at {at_s:.0f} s by {shift_m * 1e3:.0f} mm and {turn_deg:.2f} deg"
-    as_one = replace(found, seen=replace(found.seen, camera=np.where(found.seen.camera == count, c, found.seen.camera)))
-    return Freed(Check("cause", False, words, "calibrate again, or use the part before or after"), as_one, 7)
-
-
 _LEAST_FRAMES, _MOST_FRAMES = 24, 600
 # the time of a frame is looked for within so many periods of its stamp, in so many steps of each
 _MOST_PERIODS, _STEPS = 4.0, 10
@@ -337,7 +253,7 @@ class FrameTimes:
 
 def wrong_stamps(task: RigTask, solved: Solved) -> Iterator[Freed]:
     """Frames of one camera are stamped late or early, some or all from a time on: they get the time at which they fit."""
-    for c in (int(i) for i in np.argsort(solved.agreeing)[:_CANDIDATES]):
+    for c in (int(i) for i in np.argsort(solved.agreeing()[:, 0])[:_CANDIDATES]):
         part = _middle_part(task.observations, c)
         times = frame_times(part, middle_ns(task.observations), solved, c)
         if times is None or not _LEAST_WRONG < times.wrong.mean() < _MOST_WRONG:
@@ -441,4 +357,4 @@ def _moved(path_s: Array, path: Poses, t_s: Array, xyz_prop: Array) -> Array:
 
 
 # near ones start from the solution at hand, and so take little time
-_NEAR: tuple[Hypothesis, ...] = (intrinsics_wrong, moved_camera, unsteady, wrong_stamps)
+_NEAR: tuple[Hypothesis, ...] = (intrinsics_wrong, unsteady, wrong_stamps)

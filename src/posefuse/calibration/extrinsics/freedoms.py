@@ -1,4 +1,4 @@
-"""What a solved rig would rather have for clocks, camera rotations, intrinsics or the shape of its board, when let free.
+"""What a solved rig would rather have for clocks, camera poses, intrinsics or the shape of its board, when let free.
 
 Each is a check of a solution: what is let free has to stay. And it is a likely cause where a solution is refused (`causes`).
 """
@@ -16,7 +16,8 @@ from posefuse.core import Camera
 from posefuse.core.arrays import Array
 
 from .pipeline import Solved
-from .prop_solve import PropSolution, SolvedRig
+from .prop_solve import PropSolution, SolvedRig, residuals_px
+from .snapshots import Snapshots
 
 IN_STEP = "cameras are synchronised"
 _FREE_FOCAL, _FREE_LENS = 0.2, (10.0, 10.0, 0.05, 0.05)
@@ -36,7 +37,7 @@ class Freed:
     """
 
     check: Check
-    solved: Solved
+    solved: SolvedRig
     frees: int
     lost: int = 0
 
@@ -85,7 +86,7 @@ def check_clocks(
     )  # fmt: skip
 
 
-def check_turning(free: Solved) -> Check:
+def check_turning(free: SolvedRig) -> Check:
     """No camera turns all the time: its rate, when it is let free with the intrinsics, is none.
 
     The halves show that badly: each scatters by half of the turn, and their standard errors grow with it.
@@ -102,7 +103,7 @@ def check_turning(free: Solved) -> Check:
     )  # fmt: skip
 
 
-def most_turned(free: Solved) -> tuple[int, float, float]:
+def most_turned(free: SolvedRig) -> tuple[int, float, float]:
     """The camera whose turn is farthest over its limits, by how many rad it turns over the recording, and how many standard
     errors its own turn is.
 
@@ -174,7 +175,7 @@ class LensChange:
         return f"{self.cameras[camera].name}'s {said} (standard error {error})"
 
 
-def lens_change(solved: Solved, free: Solved) -> LensChange:
+def lens_change(solved: SolvedRig, free: SolvedRig) -> LensChange:
     """How the intrinsics of `free` differ from those of the same solve with them held."""
     cameras, seen = solved.cameras, solved.seen
     focal_px = np.array([camera.K[0, 0] for camera in cameras])
@@ -255,3 +256,135 @@ def check_board_shape(share: float, sigma: float) -> Check:
         f" {LIMITS.stretch_share:.0%})",
         "print at 100 % in both directions, glue it to a flat plate, and measure it along both sides", "input",
     )  # fmt: skip
+
+
+_STRETCHES = 8
+# a move counts from so many times what stretches without a move scatter by, and where two poses fit so much better than one:
+# good sessions 0.1 or less, moves of 0.15 deg 0.17 or more (`bench/calibration_faults.py`)
+_MOVED_SIGMAS, _LEAST_BETTER = 6.0, 0.1
+# two explanations whose cost differs by less than this share cannot be distinguished
+_ALIKE = 0.02
+_MOST_COMPARED = 300
+
+
+@dataclass(frozen=True, eq=False)
+class _Step:
+    """The largest step between the poses that camera `of` has in stretches of time.
+
+    Attributes:
+        ratio: the step over its limit. px: by how much the target moves in the image. at_s: when.
+    """
+
+    of: int
+    ratio: float
+    px: float
+    at_s: float
+
+
+@dataclass(frozen=True, eq=False)
+class _Move:
+    """A solve in which camera `of` has another pose from a time on.
+
+    Attributes:
+        solved: with the second pose as one more camera, the last one. words: when it moved, and how far.
+        cost: of all image points, robust. better: by which share the camera's own fit better.
+    """
+
+    of: int
+    solved: SolvedRig
+    words: str
+    cost: float
+    better: float
+
+
+def standing_freed(solved: SolvedRig, least_rad: float) -> Freed:
+    """Each camera by itself may have another pose in each of eight stretches of time; a step of `least_rad` or more is a move.
+
+    All that move are named, each with the time.
+    """
+    count = len(solved.cameras)
+    now, worst, left = solved, 0.0, list(range(count))
+    words: list[str] = []
+    place = list(range(count))
+    while len(left) > 1 or not words:
+        steps = [_largest_step(now, c, least_rad) for c in left]
+        worst = max(worst, max(step.ratio for step in steps))
+        tried = [_move(now, step) for step in steps if step.ratio > 1]
+        moves = sorted((move for move in tried if move.better > _LEAST_BETTER), key=lambda move: move.cost)
+        if not moves:
+            break
+        alike = [move for move in moves if move.cost <= moves[0].cost * (1 + _ALIKE)]
+        words.append(" or ".join(move.words for move in alike))
+        now, place = moves[0].solved, [*place, moves[0].of]
+        left = [c for c in left if c not in [move.of for move in alike]]
+    detail = f"the largest step is {worst:.0%} of what would be noticed" if not words else "; ".join(words)
+    remedy = "fasten it, switch autofocus off, and record again; or use the part before or after that time"
+    as_before = replace(now, seen=replace(now.seen, camera=np.array(place)[now.seen.camera]))
+    return Freed(Check("cameras stand still", not words, detail, remedy), as_before, 7 * len(words))
+
+
+def _largest_step(solved: SolvedRig, c: int, least_rad: float) -> _Step:
+    rows, mine = solved.seen, np.flatnonzero(solved.seen.camera == c)
+    stretch = np.zeros(len(rows.camera), np.int64)
+    stretch[mine] = np.arange(len(mine)) * _STRETCHES // max(len(mine), 1)
+    free = solved.with_camera_apart(c, stretch)
+    pose_of = np.r_[c, len(solved.cameras) : len(free.cameras)]
+    poses = free.solution.state.cam_from_world[pose_of].se3()
+    xyz = free.solution.state.world_from_prop.t[rows.time_step[mine[:: max(1, len(mine) // _MOST_COMPARED)]]]
+    xy = np.stack([replace(solved.cameras[c], cam_from_world=poses[i]).project(xyz) for i in range(len(pose_of))])
+    ratio, first, last, px = _step_between(xy, least_rad * float(solved.cameras[c].K[0, 0]))
+    own = rows.rows(rows.camera == c)
+    before, after = (_costs(free, replace(own, camera=np.full(len(mine), pose_of[i % len(pose_of)]))) for i in (first - 1, last))
+    # image points before the cut belong to the first pose, those after it to the second
+    cut = int(np.argmin(np.append(0, np.cumsum(before - after)[:-1])))
+    return _Step(c, ratio, px, float(own.t_s[own.time_step[cut]]) if len(mine) else 0.0)
+
+
+def _costs(solved: SolvedRig, seen: Snapshots) -> Array:
+    """(N,) robust cost of each of these image points in a solution."""
+    off = residuals_px(seen, solved.corners, solved.cameras, solved.solution.state) / seen.noise[:, None]
+    return np.asarray(np.log1p(np.nan_to_num((off**2).sum(axis=1) / solved.solution.sigma_px**2, nan=1e6)))
+
+
+def _step_between(xy: Array, least_px: float) -> tuple[float, int, int, float]:
+    """Of points (S, N, 2) seen by the pose of each stretch: the largest step over its limit, the stretches it lies between, px.
+
+    A stretch in which the camera moves is no part of either side.
+    """
+    best, count = (0.0, 1, 1, 0.0), len(xy)
+    good = np.isfinite(xy).all(axis=(0, 2))
+    for first in range(1, count):
+        for last in (first, first + 1):
+            before, after = xy[:first, good], xy[last:, good]
+            if not len(after) or not good.any():
+                continue
+            step_px = _size(after.mean(axis=0) - before.mean(axis=0))
+            within = np.concatenate([before - before.mean(axis=0), after - after.mean(axis=0)])
+            each_px = _size(within) * np.sqrt(len(within) / (len(within) - 2))
+            sigma_px = each_px * np.sqrt(1 / len(before) + 1 / len(after))
+            best = max(best, (float(step_px / max(least_px, _MOVED_SIGMAS * sigma_px)), first, last, step_px))
+    return best
+
+
+def _size(off: Array) -> float:
+    """Root mean square length of vectors (..., 2)."""
+    return float(np.sqrt((off**2).sum(axis=-1).mean()))
+
+
+def _move(solved: SolvedRig, step: _Step) -> _Move:
+    camera, seen = solved.cameras[step.of], solved.seen
+    later = (seen.camera == step.of) & (seen.t_s[seen.time_step] >= step.at_s)
+    two = solved.with_camera_apart(step.of, later.astype(np.int64))
+    words = (f"{camera.name} was moved at about {step.at_s - seen.t_s.min():.0f} s, its view by"
+             f" {np.rad2deg(step.px / float(camera.K[0, 0])):.1f} deg")  # fmt: skip
+    alike = replace(two, solution=replace(two.solution, sigma_px=solved.solution.sigma_px))
+    before, after = _costs(solved, seen), _costs(alike, two.seen)
+    own = np.isin(two.seen.camera, (step.of, len(solved.cameras)))
+    better = 1 - float(after[own].mean() / before[seen.camera == step.of].mean())
+    return _Move(step.of, two, words, float(after.mean()), better)
+
+
+@lru_cache(maxsize=1)
+def camera_moves(solved: Solved) -> Freed:
+    """`standing_freed` of a target; the last answer is kept as that of `board_freed` is."""
+    return standing_freed(solved, LIMITS.moved_rad)

@@ -27,6 +27,7 @@ _TURN_SCALE_RAD_S = 1e-3
 _TIME_BLOCKS = 16
 # a view agrees within so many standard deviations, which are this at least, px
 _INLIER_SIGMA, _LEAST_AGREEING_PX = 4.0, 0.2
+_LEAST_JUDGED = 6
 
 
 @dataclass(frozen=True)
@@ -161,11 +162,17 @@ class SolvedRig:
         np.maximum.at(worst, self.seen.group, square)
         return np.asarray(worst <= _INLIER_SIGMA**2)
 
-    @property
-    def agreeing(self) -> Array:
-        """(C,) share of each camera's markers in an image, or of its keypoints, that agree."""
-        camera, count = self.seen.camera[self.seen.group_starts()], len(self.cameras)
-        return np.bincount(camera, self.inlier, count) / np.maximum(np.bincount(camera, minlength=count), 1)
+    def agreeing(self, parts: int = 1) -> Array:
+        """(C, parts) share of each camera's markers in an image, or of its keypoints, that agree, in parts of the recording.
+
+        1 where a part has fewer than 6.
+        """
+        first, count = self.seen.group_starts(), len(self.cameras)
+        place = self.seen.camera[first] * parts + _stretch_of(self.seen.t_s, parts)[self.seen.time_step[first]]
+        there = np.bincount(place, minlength=count * parts)
+        agree = np.bincount(place, self.inlier, count * parts)
+        share = np.where(there < _LEAST_JUDGED, 1.0, agree / np.maximum(there, 1))
+        return np.asarray(share.reshape(count, parts))
 
     def again(self, **freed: Any) -> Self:
         """Solved once more from here, with the fields `freed` of `Freedom` besides the poses of cameras and patches."""
@@ -246,7 +253,7 @@ def _summary(solution: Solution[PropState], assumed_px: float, freedom: Freedom,
     count = len(solution.state.cam_from_world)
     free = np.concatenate([mask.ravel() for mask in _free(solution.state, freedom)])
     full = np.zeros((len(free), len(free)))
-    covariance = clustered_covariance(solution.covariance * scale, solution.scores / scale, _time_block(seen.t_s))
+    covariance = clustered_covariance(solution.covariance * scale, solution.scores / scale, _stretch_of(seen.t_s, _TIME_BLOCKS))
     full[np.ix_(free, free)] = covariance
     # pose, clock and intrinsics of each camera
     clocks = 6 * count + 6 * len(solution.state.prop_from_patch)
@@ -270,10 +277,10 @@ def _summary(solution: Solution[PropState], assumed_px: float, freedom: Freedom,
     )
 
 
-def _time_block(t_s: Array) -> Array:
-    """(T,) number of the stretch of time each time step belongs to."""
+def _stretch_of(t_s: Array, count: int) -> Array:
+    """(T,) which of `count` stretches of equal length each time step belongs to."""
     first, last = (float(t_s.min()), float(t_s.max())) if len(t_s) else (0.0, 0.0)
-    return np.minimum(((t_s - first) / max(last - first, 1e-9) * _TIME_BLOCKS).astype(np.int64), _TIME_BLOCKS - 1)
+    return np.minimum(((t_s - first) / max(last - first, 1e-9) * count).astype(np.int64), count - 1)
 
 
 def _free(state: PropState, freedom: Freedom) -> tuple[Array, ...]:

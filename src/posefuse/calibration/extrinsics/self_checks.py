@@ -14,13 +14,13 @@ from posefuse.calibration.targets.corners import CornerObservations
 from posefuse.calibration.targets.coverage import linked_groups
 from posefuse.calibration.targets.detection import BLURRED_EDGE_PX
 from posefuse.calibration.targets.kinds import Charuco, Target, scale_m
-from posefuse.core import CalibrationError, Camera
+from posefuse.core import Camera
 from posefuse.core.arrays import Array
 
-from .freedoms import board_freed, check_lenses, clocks_freed, lens_change, lenses_freed, turn_freed
+from .freedoms import board_freed, camera_moves, check_lenses, clocks_freed, lens_change, lenses_freed, turn_freed
 from .own_intrinsics import check_carried
-from .pipeline import LEAST_TIME_STEPS, TIME_STEPS, Links, RigTask, Solved, solve
-from .snapshots import middle_ns
+from .pipeline import LEAST_TIME_STEPS, Links, RigTask, Solved
+from .prop_solve import SolvedRig
 
 # two cameras that stand apart never see so many corners within this of each other
 _SAME_VIDEO_CORNERS, _SAME_VIDEO_PX = 40, 1.0
@@ -138,28 +138,13 @@ def check_fit(solved: Solved) -> Check:
                  "blur, cameras unsynchronised (try clocks = offset), wrong intrinsics, or a prop that bends")  # fmt: skip
 
 
-def check_still(solved: Solved) -> Check:
-    """No camera agrees for a part of the recording only."""
-    first = solved.seen.group_starts()
-    camera, inlier = solved.seen.camera[first], solved.inlier
-    t_s = solved.seen.t_s[solved.seen.time_step[first]]
-    edges = np.linspace(t_s.min(), t_s.max() + 1e-9, LIMITS.segments + 1)
-    segment = np.clip(np.searchsorted(edges, t_s, side="right") - 1, 0, LIMITS.segments - 1)
-    for c, named in enumerate(solved.cameras):
-        count = np.bincount(segment[camera == c], minlength=LIMITS.segments)
-        share = np.bincount(segment[camera == c], inlier[camera == c], LIMITS.segments) / np.maximum(count, 1)
-        bad = (count >= LIMITS.segment_views) & (share < LIMITS.segment_share)
-        if bad.any():
-            begin, end = int(np.flatnonzero(bad)[0]), int(np.flatnonzero(bad)[-1]) + 1
-            when = f"from {edges[begin] - edges[0]:.0f} s to {edges[end] - edges[0]:.0f} s"
-            if (begin, end) == (0, LIMITS.segments):
-                when += ", the whole recording"
-                remedy = "it was moved several times, is unsynchronised, or the times of its frames are wrong"
-            else:
-                when += ", and agrees at other times"
-                remedy = "it was moved, its image froze, or its clock jumped: calibrate with the part before or after"
-            return Check("cameras stand still", False, f"{named.name} disagrees with the others {when}", remedy)
-    return Check("cameras stand still", True, "every camera agrees over the whole recording")
+def check_agreeing(solved: SolvedRig, least: float, parts: int, remedy: str) -> Check:
+    """Every camera agrees with the others, by the share of its views in each of so many parts of the recording."""
+    share = solved.agreeing(parts)
+    worst, part = (int(i) for i in np.unravel_index(np.argmin(share), share.shape))
+    when = f" in part {part + 1} of {parts} of the recording" if parts > 1 else ""
+    detail = f"{solved.cameras[worst].name} agrees worst: {share[worst, part]:.0%} of its views{when} (needed {least:.0%})"
+    return Check("cameras agree", bool(share[worst, part] >= least), detail, remedy)
 
 
 def check_determined(solved: Solved) -> Check:
@@ -195,7 +180,8 @@ def camera_differences(first: Poses, second: Poses) -> tuple[Array, Array]:
 
 
 def check_facing(solved: Solved) -> Check:
-    """The printed faces look at the cameras that see them: a mirrored board looks away."""
+    """The printed faces look at the cameras that see them: a mirrored board looks away, and so does one too small to show its
+    slant, which would else be refused as undetermined (`tests/calibration/test_refusals.py`)."""
     seen, state = solved.seen, solved.solution.state
     first = seen.group_starts()
     world_from_patch = state.world_from_prop[seen.time_step[first]] @ state.prop_from_patch[seen.patch[first]]
@@ -245,88 +231,17 @@ def check_upright(cameras: Sequence[Camera], up_cam: Array) -> Check:
     )  # fmt: skip
 
 
-_HALVES = 2
-
-
-def solve_halves(task: RigTask, solved: Solved) -> tuple[tuple[Solved, ...], Array, str]:
-    """The first and the second half from scratch, sharing no data; where a camera lacks one, every other fifth of them.
-
-    Returns:
-        The two solves; (C,) how many times as far corners usually are off in the common solve as in the half's own, of the worse
-        half; and an empty text. Where the data are not enough no solves, and why.
-    """
-    observations, story = task.observations, ""
-    steps_ns = np.round(solved.seen.t_s * 1e9).astype(np.int64) + middle_ns(observations)
-    for stretches in (_HALVES, 5 * _HALVES):
-        row_half, step_half = (_half_of(t_ns, observations, stretches) for t_ns in (observations.t_ns, steps_ns))
-        try:
-            found = tuple(_solve_half(task, observations.rows(row_half == half), solved) for half in range(_HALVES))
-        except CalibrationError as error:
-            story = str(error)
-            continue
-        together = np.stack([spread_px(solved, step_half == half) for half in range(_HALVES)])
-        apart = np.stack([spread_px(one, np.ones(len(one.seen.t_s), bool)) for one in found])
-        return found, np.nan_to_num(together / np.maximum(apart, 1e-6), nan=1.0).max(axis=0), ""
-    return (), np.ones(len(task.cameras)), story
-
-
-def check_one_place(halves: tuple[Solved, ...], ratio: Array, story: str) -> Check:
-    """One rig fits both halves as well as each fits its own, or the difference is none of the poses; given `solve_halves`.
-
-    Larger residuals alone refuse nothing: uneven time stamps, or a lens model that fits one region better, also cause them.
-    A camera that was moved has poses that differ, too.
-    """
-    if not halves:
-        return Check(
-            "one place per camera", False, f"half of the data is not enough to solve: {story}",
-            "wave the target longer, so that every camera sees it in both halves",
-        )  # fmt: skip
-    cameras = halves[0].cameras
-    first, second = (one.solution for one in halves)
-    apart_m, turned_rad = camera_differences(first.state.cam_from_world, second.state.cam_from_world)
-    sigma_m = np.hypot(*(position_sigma_m(one) for one in halves))
-    sigma_rad = np.sqrt(sum(np.trace(one.camera_covariance[:, :3, :3], axis1=1, axis2=2) for one in (first, second)))
-    sigma_m, sigma_rad = _shared(sigma_m), _shared(sigma_rad)
-    sigmas = np.maximum(apart_m / np.maximum(sigma_m, 1e-12), turned_rad / np.maximum(sigma_rad, 1e-12))
-    wrong = (ratio > LIMITS.spread_ratio) & (sigmas > LIMITS.moved_sigma)
-    c = int(np.argmax(np.where(wrong, 1e3, 1.0) * ratio))
-    return Check(
-        "one place per camera", not wrong.any(),
-        f"{cameras[c].name}'s corners spread {ratio[c]:.2f} times as far in one rig for the whole recording as in one for each"
-        f" half (limit {LIMITS.spread_ratio:.2f} where poses differ, too), and its pose differs between the halves by"
-        f" {apart_m[c] * 1e3:.1f} ± {sigma_m[c] * 1e3:.1f} mm and"
-        f" {np.rad2deg(turned_rad[c]):.2f} ± {np.rad2deg(sigma_rad[c]):.2f} deg",
-        "it was moved or refocused during the recording: calibrate again, or use the part before or after",
-    )  # fmt: skip
-
-
-def _shared(sigma: Array) -> Array:
-    """Standard errors (C,) with the reference camera's, which is held at 0, as that of a usual camera."""
-    return np.maximum(sigma, float(np.median(sigma[sigma > 0])) if (sigma > 0).any() else 0.0)
-
-
-def spread_px(solved: Solved, steps: Array) -> Array:
-    """(C,) median size of a corner's residual at some of the time steps; NaN where there are none."""
-    size = np.linalg.norm(solved.solution.residual_px, axis=1)
-    rows = steps[solved.seen.time_step] & np.isfinite(size)
-    mine = [rows & (solved.seen.camera == c) for c in range(len(solved.cameras))]
-    return np.array([np.median(size[m]) if m.any() else np.nan for m in mine])
-
-
-def _half_of(t_ns: Array, observations: CornerObservations, count: int) -> Array:
-    """0 or 1 by turns along `count` stretches of the recording."""
-    first, last = int(observations.t_ns.min()), int(observations.t_ns.max()) + 1
-    return np.asarray((t_ns - first) * count // (last - first) % _HALVES)
-
-
-def _solve_half(task: RigTask, part: CornerObservations, solved: Solved) -> Solved:
-    """With the clocks of the whole recording; raises CalibrationError where a camera cannot be placed."""
-    options = task.options
-    if set(np.unique(part.camera)) != set(range(len(task.cameras))):
-        raise CalibrationError("a camera sees nothing in it")
-    time_steps = max(options.time_steps // 2, min(options.time_steps, TIME_STEPS))
-    together = replace(options, clocks="together", time_steps=time_steps)
-    return solve(replace(task, observations=part, options=together), solved.solution.state.delay_s)
+def halves(solved: Solved) -> tuple[Solved, ...]:
+    """Solved from the first and from the second half of the time steps, sharing no data; from every other tenth where a camera
+    has too few views in one of the halves, and none where it has them in neither."""
+    seen, used = solved.seen, np.unique(solved.seen.time_step)
+    for stretches in (2, 10):
+        half = np.searchsorted(used, seen.time_step) * stretches // max(len(used), 1) % 2
+        parts = [seen.rows(half == i) for i in (0, 1)]
+        views = [np.bincount(part.camera[part.group_starts()], minlength=len(solved.cameras)) for part in parts]
+        if np.min(views) >= LEAST_TIME_STEPS:
+            return tuple(replace(solved, seen=part).again() for part in parts)
+    return ()
 
 
 _MM = 1000.0
@@ -367,7 +282,7 @@ def solution_checks(task: RigTask, solved: Solved, before: list[Check]) -> list[
     determined = check_determined(solved)
     quick = [
         *([check_carried(task.observations, solved)] if task.options.own_intrinsics else []),
-        check_still(solved),
+        check_agreeing(solved, LIMITS.agreeing_share, LIMITS.agreeing_parts, "it was moved, is late, or has wrong times"),
         check_facing(solved),
         check_fit(solved),
         determined,
@@ -378,10 +293,9 @@ def solution_checks(task: RigTask, solved: Solved, before: list[Check]) -> list[
         # a camera that is late spreads the corners, and the poses with them
         quick.append(clocks_freed(solved).check)
     CalibrationReport("extrinsics", (*before, *quick)).require()
-    halves, ratio, story = solve_halves(task, solved)
-    parts = [lens_change(half, lenses_freed(half, False)) for half in halves]
+    parts = [lens_change(half, lenses_freed(half, False)) for half in halves(solved)]
     lenses = lens_change(solved, lenses_freed(solved, not synchronised)).confirmed_by(parts)
-    done = [*quick, check_one_place(halves, ratio, story), turn_freed(solved, not synchronised).check, check_lenses(lenses)]
+    done = [*quick, camera_moves(solved.thinned).check, turn_freed(solved, not synchronised).check, check_lenses(lenses)]
     if isinstance(task.target, Charuco):
         done.append(board_freed(solved.thinned).check)
     if synchronised:

@@ -1,7 +1,7 @@
 """Observations of free-running cameras brought to common time steps.
 
-Between two frames of a camera a corner's image is interpolated by the cubic through its neighbours (Catmull and Rom 1974),
-which also gives the image velocity that ties a camera's clock to the geometry.
+Between two frames of a camera a corner's image is interpolated (`clocks.paths.between_frames`), which also gives the image
+velocity that ties a camera's clock to the geometry.
 """
 
 from __future__ import annotations
@@ -11,13 +11,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from posefuse.calibration.clocks.paths import LONGEST_GAP_PERIODS, between_frames
 from posefuse.calibration.targets.corners import CornerObservations
 from posefuse.core.arrays import Array
 from posefuse.core.view_sequences import nearest_frames
 
-_SAME_S = 1e-4
 # corners are interpolated over one lost frame, and never over more than this
-_LONGEST_GAP_PERIODS, _LONGEST_GAP_S = 2.2, 0.4
+_LONGEST_GAP_S = 0.4
 _SLOW_PX_S = 150.0
 
 
@@ -98,10 +98,11 @@ def snapshots(observations: CornerObservations, instants_ns: Array, delay_s: Arr
     for rows in np.split(order, cuts) if len(order) else []:
         c = observations.camera[rows[0]]
         wanted_s = t_s + delay_s[c, 0] + delay_s[c, 1] * t_s
-        found, xy, velocity = _at(row_s[rows], observations.xy_img[rows], wanted_s, gaps_s[c])
+        xy, velocity = between_frames(row_s[rows], observations.xy_img[rows], wanted_s, gaps_s[c])
+        found = np.flatnonzero(np.isfinite(xy[:, 0]))
         n = len(found)
         place = (np.full(n, c), found, np.full(n, patch[rows[0]]), np.full(n, observations.corner[rows[0]]))
-        parts.append((*place, xy, velocity, np.ones(n)))
+        parts.append((*place, xy[found], velocity[found], np.ones(n)))
     nothing = (*[np.zeros(0, np.int64)] * 4, np.zeros((0, 2)), np.zeros((0, 2)), np.zeros(0))
     columns = (np.concatenate(column) for column in zip(nothing, *parts, strict=True))
     return _grouped(t_s, patches, dict(zip(_COLUMNS, columns, strict=True)))
@@ -109,50 +110,7 @@ def snapshots(observations: CornerObservations, instants_ns: Array, delay_s: Arr
 
 def _longest_gap_s(stamps_s: Array) -> float:
     steps = np.diff(np.unique(stamps_s))
-    return min(_LONGEST_GAP_PERIODS * float(np.median(steps)), _LONGEST_GAP_S) if len(steps) else 0.0
-
-
-def _at(track_s: Array, xy: Array, wanted_s: Array, longest_gap_s: float) -> tuple[Array, Array, Array]:
-    """Which of the wanted times a track covers (n,), and place and velocity (n, 2) there."""
-    last = len(track_s) - 1
-    before = np.clip(np.searchsorted(track_s, wanted_s + _SAME_S, side="right") - 1, 0, last)
-    after = np.minimum(before + 1, last)
-    exact = np.abs(track_s[before] - wanted_s) <= _SAME_S
-    gap = track_s[after] - track_s[before]
-    between = (track_s[before] < wanted_s) & (wanted_s < track_s[after]) & (gap <= longest_gap_s)
-    found = np.flatnonzero(exact | between)
-    slopes = _slopes(track_s, xy, longest_gap_s)
-    i, k = before[found], after[found]
-    h = np.where(gap[found] > 0, gap[found], 1.0)[:, None]
-    u = np.where(exact[found], 0.0, (wanted_s[found] - track_s[i]) / h[:, 0])[:, None]
-    place = (
-        (1 + 2 * u) * (1 - u) ** 2 * xy[i] + u * (1 - u) ** 2 * h * slopes[i]
-        + u**2 * (3 - 2 * u) * xy[k] + u**2 * (u - 1) * h * slopes[k]
-    )  # fmt: skip
-    velocity = (
-        6 * u * (u - 1) / h * (xy[i] - xy[k]) + (1 - u) * (1 - 3 * u) * slopes[i] + u * (3 * u - 2) * slopes[k]
-    )  # fmt: skip
-    return found, place, np.where(exact[found][:, None], slopes[i], velocity)
-
-
-def _slopes(track_s: Array, xy: Array, longest_gap_s: float) -> Array:
-    """Velocity (n, 2) at the frames of a track from their neighbours on both sides; one side where that is all there is."""
-    if len(track_s) < 2:
-        return np.zeros_like(xy)
-    step = np.diff(track_s)
-    near = ((step > 0) & (step <= longest_gap_s))[:, None]
-    chord = np.where(near, np.diff(xy, axis=0) / np.where(near, step[:, None], 1.0), 0.0)
-    left, right = np.vstack([[[0, 0]], chord]), np.vstack([chord, [[0, 0]]])
-    has_left, has_right = np.vstack([[[False]], near]), np.vstack([near, [[False]]])
-    gap_left, gap_right = np.append([0.0], step)[:, None], np.append(step, [0.0])[:, None]
-    total = np.maximum(gap_left + gap_right, 1e-12)
-    slope = np.where(has_left & has_right, (left * gap_right + right * gap_left) / total, left + right)
-    # the parabola through three frames has 2 * chord - slope at one end of a chord if it has that slope at the other end
-    inner = has_left & has_right
-    first, final = has_right & ~has_left, has_left & ~has_right
-    slope[:-1] = np.where(first[:-1] & inner[1:], 2 * chord - slope[1:], slope[:-1])
-    slope[1:] = np.where(final[1:] & inner[:-1], 2 * chord - slope[:-1], slope[1:])
-    return np.asarray(slope)
+    return min(LONGEST_GAP_PERIODS * float(np.median(steps)), _LONGEST_GAP_S) if len(steps) else 0.0
 
 
 def evenly(items: Array, most: int) -> Array:
@@ -194,7 +152,10 @@ def _greedy(observations: CornerObservations, candidates: Array, most: int, dela
 
 
 def _take(present: Array, cell: Array, worth: Array, most: int) -> Array:
-    """Indices of time steps, each the one that adds most where little has been seen so far."""
+    """Indices of time steps, each the one that adds most where little has been seen so far.
+
+    Every n-th instead refuses a camera of which every third time stamp is wrong (`tests/calibration/test_between_frames.py`).
+    """
     time_steps, cameras = present.shape
     both = present[:, :, None] & present[:, None, :]
     cell_count, pair_count = np.zeros((cameras, 16)), np.zeros((cameras, cameras))

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
 from posefuse.calibration.clocks.sync import person_seen
-from posefuse.calibration.extrinsics.freedoms import check_clocks
+from posefuse.calibration.extrinsics.freedoms import check_clocks, standing_freed
 from posefuse.calibration.extrinsics.prop_solve import SolvedRig, focal_change
+from posefuse.calibration.extrinsics.self_checks import check_agreeing
 from posefuse.calibration.report import Check
 from posefuse.core import CalibrationError, Camera, Skeleton
 from posefuse.core.arrays import Array
@@ -40,14 +41,12 @@ def check_person_in_views(views: PersonViews) -> Check:
 
 def fit_checks(solved: SolvedRig) -> list[Check]:
     """The keypoints fit, and the cameras agree."""
-    cameras, sigma_px, share = solved.cameras, solved.solution.sigma_px, solved.agreeing
-    limit, worst = _MOST_SIGMA_PX_PER_1000 * max(max(camera.size_wh) for camera in cameras) / 1000, int(np.argmin(share))
+    sigma_px, width_px = solved.solution.sigma_px, max(max(camera.size_wh) for camera in solved.cameras)
+    limit = _MOST_SIGMA_PX_PER_1000 * width_px / 1000
     return [
         Check("keypoints fit", sigma_px <= limit, f"spread {sigma_px:.1f} px (limit {limit:.1f})",
               "wrong intrinsics, cameras unsynchronised, or different people in different cameras"),
-        Check("cameras agree", bool(share[worst] >= _LEAST_INLIER_SHARE),
-              f"{cameras[worst].name} agrees worst: {share[worst]:.0%} of its keypoints (needed {_LEAST_INLIER_SHARE:.0%})",
-              "it follows another person, moved, or is unsynchronised"),
+        check_agreeing(solved, _LEAST_INLIER_SHARE, 1, "it follows another person, moved, or is unsynchronised"),
     ]  # fmt: skip
 
 
@@ -131,7 +130,7 @@ def likely_person_causes(views: PersonViews, solved: SolvedRig) -> tuple[Check, 
 
     Tried are one camera's image flipped back, focal lengths and clocks let free, and cameras that move.
     """
-    cameras, worst = solved.cameras, int(np.argmin(solved.agreeing))
+    cameras, worst = solved.cameras, int(np.argmin(solved.agreeing()))
     with suppress(CalibrationError):
         again = solve_person_bundle(_flipped(views, cameras, worst), cameras, STANDING_POINTS)
         if _explains(again, solved):
@@ -159,99 +158,10 @@ def _flipped(views: PersonViews, cameras: tuple[Camera, ...], camera: int) -> Pe
     return replace(views, xy_img=xy, score=score, sigma_px=sigma)
 
 
-_STRETCHES = 8
-# a move counts from this angle on, and from so many times what stretches without a move scatter by
-_LEAST_RAD, _SIGMAS = np.deg2rad(0.35), 6.0
-# two explanations whose cost differs by less than this share cannot be distinguished
-_ALIKE = 0.02
-_MOST_COMPARED = 300
-# keypoints that are enough for this
-STANDING_POINTS = 1200
-
-
-@dataclass(frozen=True, eq=False)
-class _Split:
-    """A solve in which camera `of` has one pose before a time and another one afterwards.
-
-    Attributes:
-        solved: with the second pose as one more camera, the last one. words: when it moved, and how far.
-        ratio: the move over its limit. cost: of the keypoints, robust.
-    """
-
-    of: int
-    solved: SolvedRig
-    words: str
-    ratio: float
-    cost: float
+# a camera moves from this angle on; and keypoints that are enough to see it
+_LEAST_RAD, STANDING_POINTS = np.deg2rad(0.35), 1200
 
 
 def check_standing(solved: SolvedRig) -> Check:
-    """No camera moves during the recording; all that do are named, each with the time."""
-    now, worst = solved, 0.0
-    words: list[str] = []
-    left = list(range(len(solved.cameras)))
-    while len(left) > 1 or not words:
-        splits = [_split(now, c) for c in left]
-        worst = max(worst, max(split.ratio for split in splits))
-        moved = sorted((split for split in splits if split.ratio > 1), key=lambda split: split.cost)
-        if not moved:
-            break
-        alike = [one for one in moved[1:] if one.cost < moved[0].cost * (1 + _ALIKE)]
-        words.append(" or ".join(split.words for split in (moved[0], *alike)))
-        now = moved[0].solved
-        left = [c for c in left if c not in [one.of for one in (moved[0], *alike)]]
-    detail = f"the largest move is {worst:.0%} of what would be noticed" if not words else "; ".join(words)
-    return Check(
-        "cameras stand still", not words, detail, "fasten it, and record again; or use the part before or after that time"
-    )
-
-
-def _split(solved: SolvedRig, c: int) -> _Split:
-    camera = solved.cameras[c]
-    rows = solved.seen
-    mine = np.flatnonzero(rows.camera == c)
-    since_s = rows.t_s[rows.time_step[mine]]
-    stretch = np.zeros(len(rows.camera), np.int64)
-    stretch[mine[np.argsort(since_s, kind="stable")]] = np.arange(len(mine)) * _STRETCHES // max(len(mine), 1)
-    free = solved.with_camera_apart(c, stretch)
-    poses = free.solution.state.cam_from_world[np.r_[c, len(solved.cameras) : len(free.cameras)]]
-    seen = free.solution.state.world_from_prop.t[rows.time_step[mine[:: max(1, len(mine) // _MOST_COMPARED)]]]
-    xy = np.stack([replace(camera, cam_from_world=poses[i].se3()).project(seen) for i in range(len(poses))])
-    focal_px = float(camera.K[0, 0])
-    ratio, first, last, step_px = _largest_step(xy, _LEAST_RAD * focal_px)
-    edges = np.sort(since_s)[np.arange(1, _STRETCHES) * len(mine) // _STRETCHES] if len(mine) else np.zeros(_STRETCHES - 1)
-    at_s = float(edges[first - 1 : last].mean())
-    two = solved.with_camera_apart(c, ((rows.camera == c) & (rows.t_s[rows.time_step] >= at_s)).astype(np.int64))
-    words = (f"{camera.name} was moved at about {at_s - rows.t_s.min():.0f} s, its view by"
-             f" {np.rad2deg(step_px / focal_px):.1f} deg")  # fmt: skip
-    return _Split(c, two, words, ratio, _cost(two, solved.solution.sigma_px))
-
-
-def _largest_step(xy: Array, least_px: float) -> tuple[float, int, int, float]:
-    """Of points (S, N, 2) seen by the pose of each stretch: the largest step over its limit, the stretches it lies between, px.
-
-    A stretch in which the camera moves is no part of either side.
-    """
-    best, count = (0.0, 1, 1, 0.0), len(xy)
-    good = np.isfinite(xy).all(axis=(0, 2))
-    for first in range(1, count):
-        for last in (first, first + 1):
-            before, after = xy[:first, good], xy[last:, good]
-            if not len(after) or not good.any():
-                continue
-            step_px = _size(after.mean(axis=0) - before.mean(axis=0))
-            within = np.concatenate([before - before.mean(axis=0), after - after.mean(axis=0)])
-            each_px = _size(within) * np.sqrt(len(within) / (len(within) - 2))
-            sigma_px = each_px * np.sqrt(1 / len(before) + 1 / len(after))
-            best = max(best, (float(step_px / max(least_px, _SIGMAS * sigma_px)), first, last, step_px))
-    return best
-
-
-def _size(off: Array) -> float:
-    """Root mean square length of vectors (..., 2)."""
-    return float(np.sqrt((off**2).sum(axis=-1).mean()))
-
-
-def _cost(solved: SolvedRig, sigma_px: float) -> float:
-    square = ((solved.solution.residual_px / solved.seen.noise[:, None] / sigma_px) ** 2).sum(axis=1)
-    return float(np.log1p(np.nan_to_num(square, nan=1e6)).mean())
+    """No camera moves during the recording."""
+    return standing_freed(solved, _LEAST_RAD).check

@@ -11,7 +11,6 @@ import numpy as np
 from scipy.sparse.csgraph import connected_components
 
 from posefuse.core.arrays import Array, freeze_fields
-from posefuse.core.view_sequences import nearest_frames
 from posefuse.foundation.output_file import atomic_file, keep_copy
 
 from .corners import CornerObservations
@@ -101,28 +100,6 @@ def cell_of(xy_img: Array, size_wh: Array | tuple[int, int]) -> Array:
     return np.clip(((xy_img + 0.5) / size_wh * CELLS_WH).astype(np.int64), 0, np.array(CELLS_WH) - 1)
 
 
-def coverage(observations: CornerObservations) -> TargetCoverage:
-    """Coverage of all observations; cameras count as together when they saw the target within `SAME_MOMENT_NS`."""
-    columns, rows = CELLS_WH
-    count = len(observations.cameras)
-    cells = np.zeros((count, rows, columns), np.int64)
-    cell = cell_of(observations.xy_img, np.array(observations.sizes_wh, np.float64)[observations.camera])
-    frame = np.unique(observations.t_ns, return_inverse=True)[1]
-    seen = np.unique(((observations.camera * (frame.max(initial=0) + 1) + frame) * rows + cell[:, 1]) * columns + cell[:, 0])
-    place = np.unravel_index(seen, (count, int(frame.max(initial=0)) + 1, rows, columns))
-    np.add.at(cells, (place[0], place[2], place[3]), 1)
-    times = [np.unique(observations.t_ns[observations.camera == c]) for c in range(count)]
-    return TargetCoverage(observations.cameras, cells, np.array([[_shared_moments(a, b) for b in times] for a in times]))
-
-
-def _shared_moments(a_ns: Array, b_ns: Array) -> int:
-    """Moments that two cameras with frames at these sorted times share: no frame is counted twice."""
-    if not len(a_ns) or not len(b_ns):
-        return 0
-    apart_ns = (np.abs(mine - others[nearest_frames(others, mine)]) for mine, others in ((a_ns, b_ns), (b_ns, a_ns)))
-    return min(int((apart <= SAME_MOMENT_NS).sum()) for apart in apart_ns)
-
-
 def linked_groups(linked: Array) -> list[list[int]]:
     """Connected groups of the symmetric relation (n, n), largest first, then by first member."""
     count, label = connected_components(linked, directed=False)
@@ -201,3 +178,13 @@ def seen(guidance: Guidance, camera: int, t_ns: int, xy_img: Array, size_wh: tup
     shared[camera, others] = shared[others, camera] = np.maximum(last[others], t_ns)
     last[camera] = t_ns
     return replace(guidance, coverage=TargetCoverage(guidance.coverage.cameras, cells, together), last_ns=last, shared_ns=shared)
+
+
+def coverage(observations: CornerObservations) -> TargetCoverage:
+    """Coverage of all observations, frame after frame."""
+    camera, t_ns, guidance = observations.camera, observations.t_ns, new_guidance(observations.cameras)
+    frames = np.split(np.arange(len(camera)), np.flatnonzero((np.diff(camera) != 0) | (np.diff(t_ns) != 0)) + 1)
+    for rows in sorted((rows for rows in frames if len(rows)), key=lambda rows: int(t_ns[rows[0]])):
+        c = int(camera[rows[0]])
+        guidance = seen(guidance, c, int(t_ns[rows[0]]), observations.xy_img[rows], observations.sizes_wh[c])
+    return guidance.coverage
