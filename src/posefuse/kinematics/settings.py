@@ -72,9 +72,7 @@ class LiveBodyRules:
         tracked_share: how much a tracked keypoint counts in that fit, as a share of its stated information: it is made of the
             same rays, and of those before.
         new_share: how much of the difference from the tracked keypoints is taken from the newest fit, the rest from those before.
-        far_m, far_sigmas, far_checks: a fit with a keypoint farther than both limits from robust fusion in so many checks running
-            is dropped.
-        fade_s: after a fit began or was dropped, the pose passes so long from the tracked to the fitted one, or back.
+        fade_s: after a fit began or ended, the pose passes so long from the tracked to the fitted one, or back.
     """
 
     learn_s: float = 1.0
@@ -86,9 +84,6 @@ class LiveBodyRules:
     fit_every_s: float = 0.03
     tracked_share: float = 0.1
     new_share: float = 0.5
-    far_m: float = 0.1
-    far_sigmas: float = 3.0
-    far_checks: int = 3
     fade_s: float = 0.2
 
 

@@ -284,10 +284,7 @@ class LiveSkeletons:
 
     def _rays(self, seen: Evidence, centred: Array) -> LiveRays:
         """Rays as they would be now, to joint centres: moved by what lies between the landmark then and the centre now."""
-        return LiveRays.moved(
-            self._projections[seen.camera], seen.z, seen.inverse_var, then=seen.then_world, now=centred,
-            checked_ns=seen.checked_ns, checked_world=centred + seen.away_world,
-        )  # fmt: skip
+        return LiveRays.moved(self._projections[seen.camera], seen.z, seen.inverse_var, then=seen.then_world, now=centred)
 
 
 class Estimator:

@@ -1,8 +1,8 @@
 """One person's skeleton while the person is followed live: lengths learnt on the way, and a pose at every output tick.
 
 Every few output ticks the pose is fitted to rays. Between two such fits it follows the tracked keypoints, each moved by what the
-fits found it off by. It is always a pose of the skeleton, so its segments keep their lengths. Only where a fit begins or is
-dropped, the output passes from one pose to the other over a short time, in which they do not.
+fits found it off by. It is always a pose of the skeleton, so its segments keep their lengths. Only where a fit begins or ends,
+the output passes from one pose to the other over a short time, in which they do not.
 """
 
 from __future__ import annotations
@@ -149,20 +149,14 @@ class LiveRays:
 
     Attributes:
         projections: (V, 3, 4) to ideal image points. xy: (K, V, 2) these. inverse_var: (K, V) 1 / variance, 0 where unseen.
-        checked_ns: time of the newest robust fusion of the person; 0: none.
-        checked_world: (K, 3) its keypoints, at joint centres, moved to the time of the pose; NaN where unknown.
     """
 
     projections: Array
     xy: Array
     inverse_var: Array
-    checked_ns: int
-    checked_world: Array
 
     @staticmethod
-    def moved(
-        projections: Array, z: Array, inverse_var: Array, *, then: Array, now: Array, checked_ns: int, checked_world: Array
-    ) -> LiveRays:
+    def moved(projections: Array, z: Array, inverse_var: Array, *, then: Array, now: Array) -> LiveRays:
         """Rays z (V, K, 2) as they would be now: moved by what lies between their points then (V, K, 3) and now (K, 3)."""
         before, after = (xyz @ np.swapaxes(projections[..., :3], 1, 2) + projections[:, None, :, 3] for xyz in (then, now))
         good = (before[..., 2] > _LEAST_DEPTH_M) & (after[..., 2] > _LEAST_DEPTH_M) & np.isfinite(z[..., 0])
@@ -171,8 +165,6 @@ class LiveRays:
             projections=projections,
             xy=np.ascontiguousarray(np.swapaxes(xy, 0, 1)),
             inverse_var=np.ascontiguousarray(np.where(good, inverse_var, 0.0).T),
-            checked_ns=checked_ns,
-            checked_world=checked_world,
         )
 
     def disagreement(self, points: Array) -> Array:
@@ -197,7 +189,7 @@ class LiveBody:
     """Follows one person. Time steps must come in the order of their times.
 
     Attributes:
-        learnt: the skeleton. drops: how often a fit was dropped because it disagreed with robust fusion, or the person jumped.
+        learnt: the skeleton.
         disagreement: (K,) of the newest rays around the tracked keypoints, see `LiveRays`.
     """
 
@@ -206,11 +198,10 @@ class LiveBody:
     ) -> None:
         self._settings, self._live, self._work = settings, live, work
         self.learnt = LearntBody(skeleton, settings, live, prior, work)
-        self.drops = 0
         self.disagreement = np.ones(len(skeleton))
         self._fit: _Fit | None = None
         self._fade = Fade(len(skeleton), live.fade_s)
-        self._due_ns = self._checked_ns = 0
+        self._due_ns = 0
 
     def wants_rays(self, t_ns: int) -> bool:
         """Whether the step at this time is to fit rays."""
@@ -219,7 +210,7 @@ class LiveBody:
     def step(self, tracked: TrackedPoints, rays: LiveRays | None) -> Array | None:
         """(K, 3) keypoints, NaN where they are not tracked; None where the tracked ones are to come out as they are.
 
-        Of the skeleton, and as tracked those that it does not carry; for a while after a fit began or was dropped, between both.
+        Of the skeleton, and as tracked those that it does not carry; for a while after a fit began or ended, between both.
         """
         changed = self.learnt.step(tracked.t_ns, tracked.xyz, tracked.cov, tracked.measured)
         body, before = self.learnt.body, self._fit
@@ -229,40 +220,28 @@ class LiveBody:
             self._fit = self._fit.with_body(body)
         # before the fit follows the person there: what it corrected at the old place still holds
         if self._fit is not None and self._fit.elsewhere(tracked):
-            self._drop()
+            self._fit = None
         if rays is not None:
             self._due_ns = tracked.t_ns + round(self._live.fit_every_s * 1e9)
             self.disagreement = rays.disagreement(tracked.xyz)
-            self._fit_rays(body, tracked, rays)
+            if self._fit is None:
+                self._fit = self._started(body, tracked, rays)
+            else:
+                self._fit.to_rays(tracked, rays, _FIT_ITERATIONS)
         elif self._fit is not None:
             self._fit.follow(tracked)
         wanted = np.zeros_like(tracked.xyz) if self._fit is None else self._fit.correction(tracked.xyz)
         correction = self._fade.step(tracked.t_ns, wanted, self._fit is not before)
         return None if self._fit is None and self._fade.over(tracked.t_ns) else tracked.xyz + correction
 
-    def _fit_rays(self, body: BodyModel, tracked: TrackedPoints, rays: LiveRays) -> None:
-        newly_checked = rays.checked_ns != self._checked_ns
-        # with two cameras there is no robust fusion to start from
-        if self._fit is None and (newly_checked or not rays.checked_ns):
-            self._fit = self._started(body, tracked, rays)
-        elif self._fit is not None:
-            self._fit.to_rays(tracked, rays, _FIT_ITERATIONS)
-        if self._fit is not None and newly_checked and self._fit.disagrees(tracked, rays):
-            self._drop()
-        self._checked_ns = rays.checked_ns
-
     def _started(self, body: BodyModel, tracked: TrackedPoints, rays: LiveRays) -> _Fit | None:
-        """From the robust pose; None without a pelvis."""
-        start = np.where(np.isfinite(rays.checked_world), rays.checked_world, tracked.xyz)[body.keypoint]
-        state = guessed_state(body, tree_from_body(body, self._settings), self._work, start)
+        """From where keypoints are tracked; None without a pelvis."""
+        state = guessed_state(body, tree_from_body(body, self._settings), self._work, tracked.xyz[body.keypoint])
         if state is None:
             return None
         fit = _Fit(body, self._settings, self._live, state)
         fit.to_rays(tracked, rays, _FIRST_ITERATIONS)
         return fit
-
-    def _drop(self) -> None:
-        self._fit, self.drops = None, self.drops + 1
 
 
 class _Fit:
@@ -280,7 +259,6 @@ class _Fit:
         self._off = np.zeros((count, 3))
         self._feet = StandingFeet(body.skeleton, body.keypoint)
         self._soles = body.keypoint[self._feet.rows]
-        self._far = np.zeros(count, np.int64)
         self._no_rays = np.zeros((0, 3, 4)), np.zeros((count, 0, 2)), np.zeros((count, 0))
 
     def with_body(self, body: BodyModel) -> _Fit | None:
@@ -333,15 +311,6 @@ class _Fit:
         squared = np.sort((away * away).sum(axis=1))
         last = int(np.isfinite(squared).sum()) - 1
         return last >= 0 and math.sqrt(squared[last // 2]) + math.sqrt(squared[(last + 1) // 2]) > 2 * _ELSEWHERE_M
-
-    def disagrees(self, tracked: TrackedPoints, rays: LiveRays) -> bool:
-        """Whether robust fusion has been against this fit for a while."""
-        at, live = self._body.keypoint, self._live
-        away_m = np.linalg.norm(self._points - rays.checked_world[at], axis=1)
-        sigma_m = np.sqrt(np.trace(tracked.cov[at], axis1=1, axis2=2) / 3)
-        far = away_m > np.maximum(live.far_m, live.far_sigmas * sigma_m)
-        self._far = np.where(far, self._far + 1, 0)
-        return bool((self._far >= live.far_checks).any())
 
     def _solve(self, seen: fit_kernels.SeenKeypoints, iterations: int) -> None:
         q, rot = self._state

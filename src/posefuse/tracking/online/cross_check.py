@@ -2,6 +2,8 @@
 
 A filter that takes one view after the other believes what it believed before. Should it have begun with a wrong view, such as a
 hand that a network invents behind a screen, the right ones lie beyond its gate. Robust fusion of one moment has no such memory.
+
+Rendered people half behind a screen, one or two cameras with a false arm: 22 to 29 mm (55 to 138 without it).
 """
 
 from __future__ import annotations
@@ -39,8 +41,6 @@ class CrossCheck:
 
     Attributes:
         checked_ns: when they were last judged.
-        found_ns: when they last gave a robust pose; 0: never.
-        away_world: (K, 3) from the keypoints as tracked to that pose; NaN where unknown.
     """
 
     def __init__(self, model: Model, fuse: Fuse) -> None:
@@ -52,8 +52,7 @@ class CrossCheck:
         self._wrong: dict[str, Array] = {}
         # (K,) in how many checks running keypoints were found elsewhere
         self._far = np.zeros(len(self._skeleton), np.int64)
-        self.checked_ns = self.found_ns = 0
-        self.away_world = np.full((len(self._skeleton), 3), np.nan)
+        self.checked_ns = 0
 
     def keep(self, view: Detections2D) -> Array:
         """Remember a view of the person alone; (K,) whether its camera is wrong about each keypoint, as far as is known."""
@@ -80,7 +79,6 @@ class CrossCheck:
         if xyz is None:
             self._nothing_found()
             return
-        self.found_ns, self.away_world = t_ns, xyz - now
         self._wrong = self._judged(xyz, together)
         # called where nothing changes, too: so its kernel is compiled before a session begins
         person.begin_again(self._elsewhere(xyz, now))

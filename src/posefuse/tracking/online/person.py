@@ -110,7 +110,7 @@ _NEWEST_NS = 150_000_000
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Evidence:
-    """Rays of one person, of the newest view of each camera (V), and the newest cross-check.
+    """Rays of one person, of the newest view of each camera (V).
 
     Attributes:
         camera: (V,) places in the rig, ascending.
@@ -118,16 +118,12 @@ class Evidence:
             the camera wrong.
         inverse_var: (V, K) 1 / variance of these, 0 where there is none.
         then_world: (V, K, 3) where the tracker has the keypoints at the times of these rays; NaN where it does not.
-        checked_ns: time of the newest cross-check that came to a result; 0: none yet.
-        away_world: (K, 3) from the tracked to the robustly fused keypoints at that time; NaN where unknown.
     """
 
     camera: Array
     z: Array
     inverse_var: Array
     then_world: Array
-    checked_ns: int
-    away_world: Array
 
 
 class Person:
@@ -195,8 +191,8 @@ class Person:
         """Until when two cameras, or one with depth, measured the person; since then one alone, whose rays fit any depth."""
         return sorted(self._measured_by_ns.values())[-2]
 
-    def evidence(self, t_ns: int, checked_ns: int, away_world: Array) -> Evidence:
-        """Of views not older than 150 ms at `t_ns`, which the order of arrival does not change, with the newest cross-check."""
+    def evidence(self, t_ns: int) -> Evidence:
+        """Of views not older than 150 ms at `t_ns`, which the order of arrival does not change."""
         newest = {one.camera: one for one in self._moments if t_ns - _NEWEST_NS <= one.t_ns <= t_ns and one.rays is not None}
         views, k = [newest[camera] for camera in sorted(newest)], len(self._model.skeleton)
         z, inverse_var, then = np.empty((len(views), k, 2)), np.empty((len(views), k)), np.empty((len(views), k, 3))
@@ -209,8 +205,6 @@ class Person:
             z=z,
             inverse_var=inverse_var,
             then_world=then,
-            checked_ns=checked_ns,
-            away_world=away_world,
         )
 
     def _when_exposed(self, t_ns: int, late_s: Array) -> Array:

@@ -150,11 +150,7 @@ class Tracker:
 
     def evidence(self, t_ns: int) -> Mapping[int, Evidence]:
         """By person_id as in `at`, what the pose at t_ns rests on."""
-        found = {}
-        for person in self._people:
-            check = self._checks[person]
-            found[person.id] = person.evidence(t_ns, check.found_ns, check.away_world)
-        return found
+        return {person.id: person.evidence(t_ns) for person in self._people}
 
     @property
     def health(self) -> Mapping[str, CameraStatistics]:
