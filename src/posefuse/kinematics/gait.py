@@ -25,7 +25,6 @@ _SMOOTH_S = 0.14
 _HEADING_S = 1.0
 # short enough that a curve is not cut
 _PACE_S = 0.3
-_STEP_APART_S = 0.45
 _SWING_M = 0.12
 _RESTING = 0.3
 _LANDING_S = 0.12
@@ -199,8 +198,7 @@ def _peaks(signal: Array, moving: Array, rate_hz: float) -> Array:
 
     if not np.isfinite(signal).all():
         return np.zeros(0, np.intp)
-    smooth = _smooth(signal, rate_hz)
-    found, _ = find_peaks(smooth, distance=max(1, int(_STEP_APART_S * rate_hz)), prominence=_SWING_M)
+    found, _ = find_peaks(_smooth(signal, rate_hz), prominence=_SWING_M)
     return np.asarray(found[moving[found]])
 
 
