@@ -111,12 +111,15 @@ def test_frames_that_are_late_for_a_moment_are_refused_and_no_clock_is_put_right
     assert run_frames(monitor, {"a": (-S, 0), "b": (0, 0)}, 106 * S, 4)["a"][-1].t_ns == 106 * S + 119 * PERIOD_NS
 
 
-def test_a_flood_is_cut_off_and_named() -> None:
-    monitor, times_ns = Monitor(("a",)), range(100 * S, 100 * S + 5000 * 10_000, 10_000)
-    used = [admitted(monitor, seen_at("a", t_ns, t_ns), t_ns) for t_ns in times_ns]
-    assert 0 < sum(view is not None for view in used) < 500
-    assert monitor.judge(100 * S + S // 10, {})["a"].state == "flood"
-    assert monitor.refused("a")["flood"] == sum(view is None for view in used)
+@pytest.mark.parametrize(("rate_hz", "state"), [(1200, "flood"), (240, "ok")])
+def test_a_flood_is_named_and_its_views_are_used(rate_hz: int, state: str) -> None:
+    monitor = of_two()
+    for i in range(rate_hz):
+        now_ns = 101 * S + i * S // rate_hz
+        monitor.take_state(camera_state("a", 30 + i, 30 + i), now_ns)
+        assert admitted(monitor, seen_at("a", now_ns - 40_000_000, now_ns - 20_000_000), now_ns) is not None
+    assert monitor.judge(102 * S, {})["a"].state == state
+    assert not monitor.refused("a")
 
 
 def test_silence_ends_and_dead_processes_are_named() -> None:

@@ -196,16 +196,13 @@ def test_without_views_it_grows_unsure_then_lets_go(world):
     assert len(tracker.at(1_800_000_000).person_id) == 0
 
 
-def test_swapped_views_are_put_right_and_shown(world, sides_swapped):
+def test_swapped_views_are_put_right(world, sides_swapped):
     w = world()
     views = [sides_swapped(v) if v.camera == "cam01" else v for v in w.views(2.0)]
     # born of the first two views, one of them swapped, the person may have to be turned round first
-    tracker, poses = run(w, views, 2.0, from_s=0.7)
+    _, poses = run(w, views, 2.0, from_s=0.7)
     _, clean = run(w, w.views(2.0), 2.0, from_s=0.7)
     assert mean_error_m(w, poses) < 1.1 * mean_error_m(w, clean)
-    shares = {name: one.flipped_share for name, one in tracker.health.items()}
-    assert shares["cam01"] > 0.8
-    assert max(share for name, share in shares.items() if name != "cam01") < 0.35
 
 
 def test_a_person_who_was_born_mirrored_is_turned_round(world, sides_swapped):
@@ -224,7 +221,8 @@ def test_a_camera_that_was_knocked_cannot_pull_and_is_named(world):
     _, without = run(w, [v for v in w.views(2.0) if v.camera != "cam02"], 2.0, **FRESH)
     assert mean_error_m(w, poses) < 1.15 * mean_error_m(w, without)
     health = tracker.health
-    assert health["cam02"].unclaimed > 40 or health["cam02"].gated_share > 0.5
+    # none of its views found the person, or most of its keypoints were too far off
+    assert np.isnan(health["cam02"].innovation_sigmas) or health["cam02"].gated_share > 0.5
     assert health["cam00"].gated_share < 0.05
     assert health["cam00"].innovation_sigmas < 1.3
 

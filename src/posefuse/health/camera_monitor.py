@@ -31,9 +31,9 @@ SILENT_NS = _S
 _ENOUGH = 2
 # the machine is overloaded when a smaller share of a camera's frames is used over this time: too few to judge the rig
 _OVERLOAD_SHARE, _SHARE_NS = 0.7, 2 * _S
-# the most frames per second that one camera may deliver
+# the most frames per second that one camera may deliver. More are named here, and left out where frames wait (the newest is used)
+# and by the tracker
 FLOOD_HZ = 250
-_WINDOW_NS = _S // 2
 _COUNT_NS = _S // 5
 
 
@@ -85,8 +85,6 @@ class _Watch:
     seen_ns: int | None = None
     came_ns: int = -(10**18)
     reported_ns: int | None = None
-    window_ns: int = 0
-    in_window: int = 0
     flooding_ns: int = -(10**18)
     flood_hz: float = 0.0
     before: tuple[int, int, int] = (0, 0, 0)
@@ -121,9 +119,6 @@ class Monitor:
         if watch is None:
             return None
         watch.seen_ns = now_ns
-        if self._floods(watch, now_ns):
-            _count(watch, "flood")
-            return None
         right_ns = self._timed(watch, view.t_ns, received_ns, now_ns)
         if right_ns is None:
             _count(watch, "late" if watch.late else "clock")
@@ -223,15 +218,6 @@ class Monitor:
         if otherwise.state != OK and watch.used_share < _OVERLOAD_SHARE:
             return CameraHealth("overload", f"only {watch.used_share:.0%} of its frames are used: too few to watch the rig")
         return otherwise
-
-    def _floods(self, watch: _Watch, now_ns: int) -> bool:
-        if now_ns - watch.window_ns > _WINDOW_NS:
-            watch.window_ns, watch.in_window = now_ns, 0
-        watch.in_window += 1
-        if watch.in_window <= FLOOD_HZ * _WINDOW_NS // _S:
-            return False
-        watch.flooding_ns, watch.flood_hz = now_ns, watch.in_window * _S / max(now_ns - watch.window_ns, _S // 100)
-        return True
 
     def _timed(self, watch: _Watch, stamp_ns: int, received_ns: int, now_ns: int) -> int | None:
         """Mid-exposure by a clock that agrees with arrival; None until enough frames agree."""

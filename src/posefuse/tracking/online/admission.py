@@ -5,7 +5,6 @@ Whether a ray is an outlier is judged by its residual, in `tracking.online.kerne
 
 from __future__ import annotations
 
-from collections import Counter
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -30,39 +29,28 @@ class CameraStatistics:
     """Statistics of one camera's views. Shares and rms run over about the last hundred views.
 
     Attributes:
-        used: views that found a tracked person. age_s: from its newest view to the newest time the tracker knows; NaN
-            before the first.
+        age_s: from its newest view to the newest time the tracker knows; NaN before the first.
         innovation_sigmas: rms of its keypoints' normalised innovations (1 for a healthy camera); NaN before the first.
         gated_share: share of its keypoints that were too far off to be used.
-        flipped_share: share of its views with left and right swapped somewhere.
-        unclaimed: views that showed no person who is tracked. late, ahead: views refused as older than the buffer, or from
-            the future (a wrong clock). repeated: views with a time already received. crowded: views beyond the allowed rate.
+        late: views refused as older than the buffer.
     """
 
-    used: int = 0
     age_s: float = float("nan")
     innovation_sigmas: float = float("nan")
     gated_share: float = 0.0
-    flipped_share: float = 0.0
-    unclaimed: int = 0
     late: int = 0
-    ahead: int = 0
-    repeated: int = 0
-    crowded: int = 0
 
 
 @dataclass
 class CameraRecord:
-    """One camera: the newest time received, those used within the lag buffer, how many were refused by reason, and figures."""
+    """One camera: the newest time received, those used within the lag buffer, how many came later, and figures."""
 
     stated_ns: int | None = None
     used_ns: list[int] = field(default_factory=list)
-    refused: Counter[str] = field(default_factory=Counter)
+    late: int = 0
     used: int = 0
-    unclaimed: int = 0
     square: float = float("nan")
     gated: float = 0.0
-    swapped: float = 0.0
 
     def count(self, figures: ViewFigures) -> None:
         """Apply what was found in a view of this camera."""
@@ -73,18 +61,14 @@ class CameraRecord:
         square = figures.square / (2 * figures.measured)
         self.square = square if np.isnan(self.square) else self.square + memory * (square - self.square)
         self.gated += memory * (figures.gated / figures.measured - self.gated)
-        self.swapped += memory * (float(figures.swapped > 0) - self.swapped)
 
     def statistics(self, now_ns: int | None) -> CameraStatistics:
         """At the newest time of all cameras; None: no view was used so far."""
         return CameraStatistics(
-            used=self.used,
             age_s=float("nan") if now_ns is None or not self.used_ns else (now_ns - max(self.used_ns)) * 1e-9,
             innovation_sigmas=float(np.sqrt(self.square)),
             gated_share=self.gated,
-            flipped_share=self.swapped,
-            unclaimed=self.unclaimed,
-            **self.refused,
+            late=self.late,
         )
 
 
@@ -123,11 +107,7 @@ class Admission:
         camera.stated_ns = t_ns
         if not self._believable(t_ns, camera):
             return False
-        if t_ns in camera.used_ns:
-            camera.refused["repeated"] += 1
-            return False
         if any(abs(t_ns - used) < _APART_NS for used in camera.used_ns):
-            camera.refused["crowded"] += 1
             return False
         self.newest_ns = t_ns if self.newest_ns is None else max(t_ns, self.newest_ns)
         camera.used_ns = [used for used in camera.used_ns if used >= self.newest_ns - self._lag_ns] + [t_ns]
@@ -143,13 +123,10 @@ class Admission:
                 for other in self.cameras.values():
                     other.used_ns.clear()
                 return True
-            camera.refused["late"] += 1
+            camera.late += 1
             return False
         known_ns = self.newest_ns if self._asked_ns is None else max(self.newest_ns, self._asked_ns)
-        if t_ns > known_ns + _AHEAD_NS and not self._agreed(t_ns):
-            camera.refused["ahead"] += 1
-            return False
-        return True
+        return t_ns <= known_ns + _AHEAD_NS or self._agreed(t_ns)
 
     def _agreed(self, t_ns: int) -> bool:
         stated = [one.stated_ns for one in self.cameras.values() if one.stated_ns is not None]

@@ -13,7 +13,7 @@ from posefuse.core.arrays import Array, median_apart
 from posefuse.core.duplicate_share import DUPLICATE_SHARE
 from posefuse.core.duplicates import duplicates
 
-from .admission import Admission, CameraRecord, CameraStatistics
+from .admission import Admission, CameraStatistics
 from .cross_check import CrossCheck, Fuse
 from .kernels.pose import PoseRow
 from .kernels.rays import person_agreement
@@ -103,7 +103,7 @@ class Tracker:
                 camera.count(found)
                 tracks[looked_at[p]] = person.id
         self._cross_check(detections.t_ns)
-        self._keep_unclaimed(detections, {p for _, p in claims}, camera)
+        self._keep_unclaimed(detections, {p for _, p in claims})
         self._forget()
         self._look_for_newcomers()
         return tracks
@@ -173,12 +173,11 @@ class Tracker:
         rows, places = linear_sum_assignment(-support) if support.size > 1 else ([0], [0])
         return [(self._people[n], int(p)) for n, p in zip(rows, places, strict=True) if support[n, p] > 0]
 
-    def _keep_unclaimed(self, detections: Detections2D, claimed: set[int], camera: CameraRecord) -> None:
+    def _keep_unclaimed(self, detections: Detections2D, claimed: set[int]) -> None:
         left = [p for p in range(len(detections)) if p not in claimed]
         if left:
             enough = (np.isfinite(detections.xy_img[..., 0]) & (detections.score > 0)).sum(axis=1) >= _LEAST_KEYPOINTS
             left = [p for p in left if enough[p]]
-        camera.unclaimed += bool(left) and not claimed
         before = self._unclaimed.get(detections.camera)
         if before is not None and before.t_ns > detections.t_ns:
             return

@@ -22,13 +22,12 @@ class ViewFigures(NamedTuple):
     """Of one view of one person.
 
     measured: keypoints with a ray. gated: those of them that were too far off to be used. square: sum of their squared sigmas.
-    swapped: limbs with left and right swapped. speed_m_s: of the body after the view. depths: used for the body.
+    speed_m_s: of the body after the view. depths: used for the body.
     """
 
     measured: float
     gated: float
     square: float
-    swapped: float
     speed_m_s: float
     depths: float
 
@@ -63,7 +62,7 @@ def step(person, t, view, session, deep=None):
     centre_body(person.x, person.share)
     if depths == 0 and alone(person.seen, c, t) > session.rules.alone_hold_s:
         hold_depth(session.cameras[c], dt, body_before, share_before, person.x[k], person.cov[k], person.share[k])
-    return ViewFigures(measured, gated, square, swapped.sum(), _body_speed(person.x[k], person.share[k]), float(depths))
+    return ViewFigures(measured, gated, square, _body_speed(person.x[k], person.share[k]), float(depths))
 
 
 @kernel()
