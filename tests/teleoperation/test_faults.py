@@ -44,8 +44,8 @@ QUICK = {"velocity", "acceleration", "box"}
 @pytest.mark.parametrize("guard", [pytest.param(one, marks=() if one in QUICK else pytest.mark.slow) for one in GUARDS])
 def test_a_guard_that_is_taken_away_is_missed(guard, monkeypatch):
     if guard == "exchange":
-        monkeypatch.setattr(gate, "FOREARM_SHARE", 1e3)
-        monkeypatch.setattr(gate, "TRUNK_SHARE", 1e3)
+        # a hand that jumps tells these bodies from the operator's, and so does a trunk
+        monkeypatch.setattr(gate, "_TRUNK_STEP_M", 1e3)
     done = run_many(0, 12 if guard in QUICK else 250, settings=replace(SETTINGS, **GUARDS[guard]), limits=SETTINGS)
     assert guard in {breach.what.split()[0].rstrip(":") for breach in done.breaches}
 
