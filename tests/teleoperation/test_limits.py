@@ -104,3 +104,13 @@ def test_braking_takes_the_time_that_the_acceleration_needs_and_a_late_process_n
     while motion.speed > 1e-9:
         motion, periods = brake(motion, OPEN, DT_S, left_out), periods + 1 + left_out
     assert periods == 20 and norm(motion.position) <= 0.5**2 / (2 * 2.5)
+
+
+@pytest.mark.parametrize("velocity", [(0.3, 0.3, 0.3), (-0.3, 0.3, -0.3), (0.3, 0.2, 0.0)])
+def test_braking_beyond_a_wall_is_computed_without_a_warning(velocity):
+    """All axes are braked alike there, so none has a way left to a lower speed."""
+    bounds = Bounds(speed=0.5, acceleration=1.0, jerk=1e3, low=(-0.1,) * 3, high=(0.1,) * 3)
+    motion = Motion(position=np.sign(velocity) * 0.2, velocity=np.array(velocity))
+    with np.errstate(all="raise"):
+        braked = brake(motion, bounds, 0.01)
+    assert braked.speed < motion.speed

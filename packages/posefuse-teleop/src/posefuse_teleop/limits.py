@@ -189,8 +189,10 @@ def _cap(distance: Array, acceleration: float, dt_s: float) -> Array:
 
 
 def _share_below(start: Array, way: Array, most: Array) -> float:
-    """Largest share of the way on which no axis passes its most."""
+    """Largest share of the way on which no axis passes its most; 0 where one is past it and the way leads no farther."""
     past = start + way > most
+    if (way[past] <= 0).any():
+        return 0.0
     return max(0.0, float(((most - start)[past] / way[past]).min(initial=1.0)))
 
 
