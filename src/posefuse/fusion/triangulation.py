@@ -265,7 +265,8 @@ _LEAST_SIGMA_PX = 0.3
 
 def whitened_view(view: Detections2D, rig: Rig, settings: FuseSettings) -> tuple[Array, Array, Array]:
     """For live tracking: `whitened` (P, K, ...) of a view of the only camera of a rig, and sigma (P, K) px of its keypoints."""
-    xy, score, stated = (np.asarray(plane, np.float64) for plane in (view.xy_img, np.nan_to_num(view.score), view.sigma_px))
+    planes = view.xy_img, np.nan_to_num(view.score), np.where(view.sigma_px > 0, view.sigma_px, np.nan)
+    xy, score, stated = (plane.astype(np.float64) for plane in planes)
     sigma = np.maximum(_usable_sigma(score, stated_sigma(xy, score, stated, settings), settings), _LEAST_SIGMA_PX)
     ideal, white = whitened(rig, xy[:, None], sigma[:, None])
     return ideal[:, 0], white[:, 0], sigma
