@@ -10,7 +10,7 @@ from built import detections, standing
 from posefuse.association import AssociateSettings, associate
 from posefuse.core import Detections2D, Pose3D, Rig, Views
 from posefuse.core.skeleton import COCO17
-from posefuse.fusion import FuseSettings, fuse
+from posefuse.fusion import FuseSettings, fuse, whitened_view
 from posefuse.tracking.online import LiveMotion, LiveSettings, Model, Tracker
 
 SIGMA_PX = 2.0
@@ -44,7 +44,7 @@ class World:
         def solve(together: Sequence[Detections2D], previous: Pose3D | None) -> Pose3D:
             return fuse(associate(together, self.rig, people, previous), self.rig, FuseSettings(), previous)
 
-        return Tracker(Model(self.rig, COCO17, live, motion), solve, self.fuse)
+        return Tracker(Model(self.rig, COCO17, live, motion), solve, self.fuse, self.whitened)
 
     def fed(self, views: Iterable[Detections2D], **settings: object) -> Tracker:
         """A tracker that was given these views."""
@@ -56,6 +56,10 @@ class World:
     def fuse(self, views: Views) -> Pose3D:
         """Fusion of one time step as `app` has it."""
         return fuse(views, self.rig, FuseSettings())
+
+    def whitened(self, view: Detections2D) -> tuple[np.ndarray, ...]:
+        """A view without its lens as `app` has it."""
+        return whitened_view(view, self.rig.only([view.camera]), FuseSettings())
 
     def error_m(self, pose: Pose3D, person: int = 0) -> np.ndarray:
         """(K,) distances from the truth at the pose's time."""

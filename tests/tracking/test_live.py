@@ -92,7 +92,7 @@ def test_a_view_of_a_followed_person_costs_one_step_of_the_kernels_and_no_associ
         return scene.fuse(views)
 
     monkeypatch.setattr(of_one_person, "step", lambda *given, work=of_one_person.step: steps.append(given) or work(*given))
-    tracker = Tracker(Model(scene.rig, COCO17, LiveSettings()), solve, fuse_again)
+    tracker = Tracker(Model(scene.rig, COCO17, LiveSettings()), solve, fuse_again, scene.whitened)
     for view in scene.views(3.0):
         before, followed = (len(steps), len(solved)), len(tracker.at(view.t_ns).person_id) > 0
         tracker.add(view)

@@ -9,8 +9,9 @@ import numpy as np
 from posefuse.core import Kind, Pose3D, Skeleton
 from posefuse.core.arrays import Array
 
-# a keypoint keeps its own speed until the next frame; a person out of sight keeps the body's, which fades: of four rendered
-# people who cross before three cameras, 7.1 % are missed, and 8.6 % if it does not
+# a keypoint keeps its own speed until the next frame: a rendered walk is 13.7 mm off, and 13.9 where only the body's leads to the
+# regions of the next images; a person out of sight keeps the body's, which fades: of four rendered people who cross before three
+# cameras, 7.1 % are missed, and 8.6 % if it does not
 _FADE_S = 0.4
 _NEXT_FRAME_S = 0.12
 # the body's speed is averaged over this time: without the mean and the bound below, IDF1 of rendered people falls from 0.936 to

@@ -6,6 +6,6 @@ from posefuse.core.extras import lazy_names
 
 if TYPE_CHECKING:
     from .settings import WEIGHTS, FuseSettings, Weights
-    from .triangulation import Triangulated, fuse, fuse_over_time, triangulate
+    from .triangulation import Triangulated, fuse, fuse_over_time, triangulate, whitened_view
 
 __getattr__ = lazy_names(__name__, __file__)

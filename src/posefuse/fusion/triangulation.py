@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from posefuse.core import ConfigError, Kind, Pose3D, PoseSequence, Rig, ShapeError, Skeleton, Views, ViewSequence
+from posefuse.core import ConfigError, Detections2D, Kind, Pose3D, PoseSequence, Rig, ShapeError, Skeleton, Views, ViewSequence
 from posefuse.core.arrays import Array
 from posefuse.core.depth import keypoint_depth
 from posefuse.core.errors import choices
@@ -244,7 +244,7 @@ def solve_robust(
     """Robust fusion of groups (G, C, K, ...). Points that have a rival are missing: nothing decides which of the two is right."""
     from .kernels import robust
 
-    ideal, white = whitened(rig, xy_img, np.where((score >= settings.score_min) & (score > 0), sigma, np.nan))
+    ideal, white = whitened(rig, xy_img, _usable_sigma(score, sigma, settings))
     depth = None if depth_of is None else np.array(depth_of(ideal), order="C")
     # what is known of no view costs nothing
     depth = depth if depth is not None and np.isfinite(depth).all(axis=-1).any() else None
@@ -252,6 +252,24 @@ def solve_robust(
     xyz, cov, used = np.empty(points), np.empty((*points, 3)), np.empty(sigma.shape, np.bool_)
     robust.solve_robust(packed_rig(rig), ideal, white, xyz, cov, used, depth)
     return _solved(rig, xy_img, xyz, cov, used)
+
+
+def _usable_sigma(score: Array, sigma: Array, settings: FuseSettings) -> Array:
+    """The standard deviations (...) of keypoints that robust fusion and live tracking use; NaN of the others."""
+    return np.where((score >= settings.score_min) & (score > 0), sigma, np.nan)
+
+
+# chosen, not fitted: a stated sigma near 0 would let one view outweigh all others; networks err by 1 px or more
+_LEAST_SIGMA_PX = 0.3
+
+
+def whitened_view(view: Detections2D, rig: Rig, settings: FuseSettings) -> tuple[Array, Array, Array]:
+    """For live tracking: `whitened` (P, K, ...) of a view of the only camera of a rig, and sigma (P, K) px of its keypoints."""
+    planes = view.xy_img, np.nan_to_num(view.score), np.where(view.sigma_px > 0, view.sigma_px, np.nan)
+    xy, score, stated = (plane.astype(np.float64) for plane in planes)
+    sigma = np.maximum(_usable_sigma(score, stated_sigma(xy, score, stated, settings), settings), _LEAST_SIGMA_PX)
+    ideal, white = whitened(rig, xy[:, None], sigma[:, None])
+    return ideal[:, 0], white[:, 0], sigma
 
 
 def whitened(rig: Rig, xy_img: Array, sigma: Array) -> tuple[Array, Array]:

@@ -17,7 +17,7 @@ from posefuse.association import CLOTHING_TRAITS, UNNAMED, Identity, associate, 
 from posefuse.core import Detections2D, JointCentres, Kind, LiveJointCentres, Pose3D, Rig, Skeleton
 from posefuse.core.arrays import Array
 from posefuse.core.poses import worst_sigma_m
-from posefuse.fusion import fuse
+from posefuse.fusion import fuse, whitened_view
 from posefuse.kinematics import JointTracker
 from posefuse.kinematics.body import FEWEST_SEEN, LIVE_BODY, Length, LiveBody, LiveBodyRules, LiveRays, TrackedPoints
 from posefuse.kinematics.joints import FrameBuffers
@@ -351,21 +351,21 @@ def warmed_up(
                 raise KeyboardInterrupt
             made_up.add(view)
             pose = made_up.at(view.t_ns + 20_000_000)
-    no_offsets = JointCentres(made_by="", offsets={})
-    at_joint_centres(pose, no_offsets, no_offsets.usual)
     JointTracker(skeleton).step(pose)
     return _new(rig, skeleton, config, motion, rules)
 
 
 def _new(rig: Rig, skeleton: Skeleton, config: LiveConfig, motion: LiveMotion, rules: LiveBodyRules) -> Estimator:
     associating = replace(config.associate, max_people=config.track.max_people)
-    motion = replace(motion, score_min=config.fuse.score_min, sigma_share=config.fuse.sigma_share)
+    alone = {camera.name: Rig((camera,)) for camera in rig}
 
     def solve(views: Sequence[Detections2D], previous: Pose3D | None) -> Pose3D:
         return fuse(associate(views, rig, associating, previous), rig, config.fuse, previous)
 
-    model = Model(rig, skeleton, config.track, motion)
-    tracker = Tracker(model, solve, lambda views: fuse(views, rig, config.fuse))
+    def whitened(view: Detections2D) -> tuple[Array, Array, Array]:
+        return whitened_view(view, alone[view.camera], config.fuse)
+
+    tracker = Tracker(Model(rig, skeleton, config.track, motion), solve, lambda views: fuse(views, rig, config.fuse), whitened)
     bodies = None if config.body == "off" else LiveSkeletons(rig, skeleton, config, rules)
     centring, gate = Centring(rig.names, config.joint_centres), KeypointGate(config.gate)
     return Estimator(NamedTracker(tracker, config.track), centring, bodies, gate)

@@ -101,7 +101,6 @@ class LiveMotion:
         outlier_chi2: squared distance in standard deviations from which a view counts less.
         gate_chi2: squared distance in standard deviations from which a view does not count.
         bone_sigma_m: standard deviation of bone lengths as networks measure them.
-        score_min, sigma_share: as in `FuseSettings`, which decides.
     """
 
     keypoints: tuple[MotionModel, ...] = (
@@ -120,8 +119,6 @@ class LiveMotion:
     outlier_chi2: float = 9.0
     gate_chi2: float = 36.0
     bone_sigma_m: float = 0.015
-    score_min: float = 0.1
-    sigma_share: float = 0.015
 
 
 MOTION = LiveMotion()

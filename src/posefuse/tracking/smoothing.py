@@ -108,7 +108,7 @@ def _smooth_point(
             break
         left_out |= worst
         miss, scale = solve()
-    # what only looked bad next to an outlier comes back
+    # what only looked bad next to an outlier comes back: twelve good time steps about one that lasts for three
     welcome = left_out & (miss < gate * scale)
     if welcome.any():
         left_out &= ~welcome
@@ -238,36 +238,22 @@ def _hold(xyz: Array, cov: Array, ends: Array, length: Array, spread: Array) -> 
     there = np.asarray(np.isfinite(xyz).all(axis=-1) & np.isfinite(cov).all(axis=(-1, -2)))
     prior = np.where(there[..., None], xyz, 0.0)
     prior_cov = np.where(there[..., None, None], cov, 0.0)
-    held, (count, keypoints) = prior, xyz.shape[:2]
+    held, known = prior, there[:, ends].all(axis=-1)
+    count, keypoints = there.shape
+    # (B, K) which keypoint each bone goes to, and from which: 1 and -1
+    bones = np.eye(keypoints)[ends[:, 0]] - np.eye(keypoints)[ends[:, 1]]
     for _ in range(_ITERATIONS):
-        along, distance = _directions(held, there, ends)
-        # J and J P: covariances of different keypoints are independent
-        slope = _at_ends(along, along, ends, keypoints)
-        one, two = ((along[..., None, :] @ prior_cov[:, end])[..., 0, :] for end in ends.T)
-        pushed = _at_ends(one, two, ends, keypoints)
-        innovation = pushed @ slope.transpose(0, 2, 1) + np.diag(spread**2)
-        expected = distance + (slope @ (prior - held).reshape(count, -1, 1))[..., 0]
-        error = np.where(distance > 0, length - expected, 0.0)
-        held = prior + (pushed.transpose(0, 2, 1) @ np.linalg.solve(innovation, error[..., None])).reshape(prior.shape)
-    by_keypoint = (count, len(ends), keypoints, 3)
-    weighted = np.linalg.solve(innovation, pushed).reshape(by_keypoint).transpose(0, 2, 1, 3)
-    narrowed = prior_cov - pushed.reshape(by_keypoint).transpose(0, 2, 3, 1) @ weighted
+        span = bones @ held
+        distance = np.linalg.norm(span, axis=-1)
+        used = known & (distance > 1e-6)
+        along = np.where(used[..., None], span / np.where(used, distance, 1.0)[..., None], 0.0)
+        # J and J P (T, B, K, 3): covariances of different keypoints are independent
+        slope = bones[..., None] * along[:, :, None]
+        pushed = np.einsum("tbki,tkij->tbkj", slope, prior_cov)
+        slope, flat = (rows.reshape(count, len(ends), -1) for rows in (slope, pushed))
+        innovation = flat @ slope.transpose(0, 2, 1) + np.diag(spread**2)
+        error = np.where(used, length - distance - (slope @ (prior - held).reshape(count, -1, 1))[..., 0], 0.0)
+        held = prior + (flat.transpose(0, 2, 1) @ np.linalg.solve(innovation, error[..., None])).reshape(prior.shape)
+    weighted = np.linalg.solve(innovation, flat).reshape(pushed.shape)
+    narrowed = prior_cov - np.einsum("tbki,tbkj->tkij", pushed, weighted)
     return np.where(there[..., None], held, np.nan), np.where(there[..., None, None], narrowed, np.nan)
-
-
-def _directions(xyz: Array, there: Array, ends: Array) -> tuple[Array, Array]:
-    """Unit vectors from the second to the first end of each bone (T, B, 3), and its length (T, B); 0 where an end is missing."""
-    span = xyz[:, ends[:, 0]] - xyz[:, ends[:, 1]]
-    distance = np.linalg.norm(span, axis=-1)
-    both = there[:, ends[:, 0]] & there[:, ends[:, 1]] & (distance > 1e-6)
-    unit = np.where(both[..., None], span / np.where(both, distance, 1.0)[..., None], 0.0)
-    return unit, np.where(both, distance, 0.0)
-
-
-def _at_ends(one: Array, two: Array, ends: Array, keypoints: int) -> Array:
-    """(T, B, 3 K) rows that are `one` (T, B, 3) at the first end of each bone, less `two` at the second, 0 elsewhere."""
-    rows = np.zeros((len(one), len(ends), keypoints, 3))
-    each = np.arange(len(ends))
-    rows[:, each, ends[:, 0]] = one
-    rows[:, each, ends[:, 1]] = -two
-    return rows.reshape(len(one), len(ends), -1)

@@ -92,7 +92,7 @@ def _groups(skeleton: Skeleton) -> Array:
 
 @dataclass(eq=False, kw_only=True)
 class _Moment:
-    """A view, rays and depth_m (K, 2) as of `Optics.rays`, and what was known just after it.
+    """A view, rays and depth_m (K, 2) as of `rays_of`, and what was known just after it.
 
     The first has no view: it is where memory begins.
     """
@@ -141,7 +141,7 @@ class Person:
         self._own_motion = OwnMotion(model.skeleton)
 
     def add(self, t_ns: int, rays: KeypointRays, depth_m: Array | None = None) -> ViewFigures | None:
-        """Work a view in at its own time, see `Optics.rays`; its figures, or None when it is older than memory."""
+        """Work a view in at its own time, see `rays_of`; its figures, or None when it is older than memory."""
         if t_ns < self._moments[0].t_ns:
             return None
         camera = rays.camera

