@@ -335,10 +335,8 @@ def joint_state(one: str, position_rad: Array, velocity_rad_s: Array, t_ns: int)
 def keypoints_seen(pose: Pose3D, n: int, camera: Camera) -> tuple[Array, Array]:
     """Pixels (18, 2) of person n in the order of `hri_msgs/Skeleton2D`, and which of them are inside the image."""
     xyz = pick_keypoints(pose.xyz_world[n], pose.skeleton, _SKELETON2D)
-    xy, size = camera.project(xyz), np.array(camera.size_wh)
-    # a lens model bends points far outside the image back into it
-    near = np.abs(_straight_px(camera, xyz) - size / 2) < 1.5 * size
-    return xy, np.asarray(((xy >= 0) & (xy <= size - 1) & near).all(axis=-1))
+    # what is sent is from 0 to 1, between the centres of the first and the last pixels
+    return np.clip(camera.project(xyz), 0.0, _last_px(camera)), camera.sees(xyz)
 
 
 def skeleton2d(xy_img: Array, inside: Array, camera: Camera, t_ns: int) -> Any:
@@ -368,11 +366,6 @@ def region_of_interest(xy_img: Array, camera: Camera, t_ns: int) -> Any:
 
 def _last_px(camera: Camera) -> Array:
     return np.array(camera.size_wh) - 1.0
-
-
-def _straight_px(camera: Camera, xyz_world: Array) -> Array:
-    xyz = camera.cam_from_world @ xyz_world
-    return np.asarray((xyz[..., :2] / xyz[..., 2:]) @ camera.K[:2, :2].T + camera.K[:2, 2])
 
 
 def _pose(pose: SE3) -> Any:
