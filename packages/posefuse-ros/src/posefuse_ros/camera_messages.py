@@ -13,7 +13,7 @@ from posefuse.core.errors import choices
 from posefuse.foundation.parsing import one_line
 
 from .messages import header, ns_from_time, optical_frame
-from .types import message
+from .types import message, sparse_message
 
 CAMERA_INFO_TYPE = "sensor_msgs/msg/CameraInfo"
 IMAGE_TYPE = "sensor_msgs/msg/Image"
@@ -59,8 +59,7 @@ def info_from_camera(camera: Camera, t_ns: int) -> Any:
         model = "rational_polynomial"
     else:
         model, d = "plumb_bob", np.concatenate([d, np.zeros(5 - len(d))])
-    roi = message("sensor_msgs/msg/RegionOfInterest", x_offset=0, y_offset=0, height=0, width=0, do_rectify=False)
-    return message(
+    return sparse_message(
         CAMERA_INFO_TYPE,
         header=header(t_ns, optical_frame(camera.name)),
         height=camera.size_wh[1],
@@ -70,9 +69,6 @@ def info_from_camera(camera: Camera, t_ns: int) -> Any:
         k=camera.K.ravel(),
         r=np.eye(3).ravel(),
         p=np.hstack([camera.K, np.zeros((3, 1))]).ravel(),
-        binning_x=0,
-        binning_y=0,
-        roi=roi,
     )
 
 
