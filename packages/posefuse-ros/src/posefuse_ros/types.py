@@ -87,7 +87,8 @@ def sparse_message(type_name: str, /, **fields: Any) -> Any:
     """As `message`; what is not given is zero or empty, as ROS makes messages."""
     from rosbags.convert.converter import default_message
 
-    return replace(default_message(ros2_types(), type_name), **fields)
+    made: Any = default_message(ros2_types(), type_name)
+    return replace(made, **fields)
 
 
 def encode(msg: Any) -> bytes:
