@@ -23,6 +23,22 @@ def test_rays_go_through_the_points() -> None:
     assert np.allclose(CAMERA.depth(POINTS), (CAMERA.cam_from_world @ POINTS)[..., 2])
 
 
+@pytest.mark.parametrize("k1", [0.0, -0.3, 0.2])
+def test_a_camera_sees_what_lies_on_the_rays_of_its_pixels(k1: float) -> None:
+    camera = replace(CAMERA, distortion=np.array([k1, 0.0, 0.0, 0.0]))
+    x, y = np.meshgrid(np.linspace(-0.49, 639.49, 33), np.linspace(-0.49, 479.49, 21))
+    pixels, metres = np.stack([x, y], axis=-1), np.array([1.0, 5.0])[:, None, None, None]
+    rays = camera.rays_world(pixels)
+    inside, known = camera.centre_world + metres * rays, np.isfinite(rays).all(axis=-1)
+    assert known.mean() > 0.9
+    np.testing.assert_array_equal(camera.sees(inside), np.stack([known] * 2))
+    assert not camera.sees(2 * camera.centre_world - inside).any()
+    assert not camera.sees(camera.centre_world + camera.rays_world([[-1.0, 200], [641, 200], [300, -1], [300, 480]])).any()
+    aside = np.stack([np.linspace(0.9, 40, 300), np.full(300, 0.1), np.ones(300)], axis=-1)
+    assert not camera.sees(camera.cam_from_world.inverse() @ aside).any()
+    assert not camera.sees(np.full(3, np.nan))
+
+
 def test_behind_the_camera_is_missing() -> None:
     assert np.isnan(CAMERA.project(CAMERA.cam_from_world.inverse() @ np.array([0.0, 0.1, -2.0]))).all()
 

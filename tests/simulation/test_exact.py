@@ -8,7 +8,7 @@ from scenes import listed, scene, still
 from posefuse.core import SE3, Rig
 from posefuse.core.skeleton import ANATOMICAL23
 from posefuse_sim.build import LiveScene, live_scene
-from posefuse_sim.exact import prop_truth, seen_points, visible_by_shapes
+from posefuse_sim.exact import prop_truth, seen_points, truth_of, visible_by_shapes
 from posefuse_sim.props import ArucoCube, CharucoBoard, GroundTile, Prop, prop_from_settings
 from posefuse_sim.surroundings import FLESH_M, Box, ClutterOccluder, WallOccluder, boxes_of, hidden_by_shapes
 
@@ -60,6 +60,15 @@ def test_a_rolling_shutter_is_seen_by_every_point_at_its_own_row():
             assert np.linalg.norm(there - seen.xyz_world[:, q], axis=-1)[inside].max(initial=0) < 2e-4
     frozen = seen_points(_live(), 0, slice(3, 8))
     assert np.nanmax(np.abs(frozen.xy_img - seen_points(live, 0, slice(3, 8)).xy_img)) > 1
+
+
+@pytest.mark.parametrize("distortion", [[-0.3, 0.0, 0.0, 0.0], [0.1, -0.25, 0.0, 0.0, 0.05], []])
+def test_a_person_far_outside_the_image_is_not_seen_through_any_lens(distortion: list[float]) -> None:
+    """The first lens model bends rays that are 60 degrees off its axis back into the image."""
+    eye = {"name": "eye", "position_m": [0, 0, 1.5], "look_at_m": [3, 0, 1.0], "image": {"distortion": distortion}}
+    people = [{"motion": {"kind": "idle", "position_m": position}} for position in ([0.9, 1.7], [3.0, 0.0])]
+    aside, ahead = truth_of(scene(rate_hz=2, cameras=listed(eye), people=people)).views[0].visible.mean(axis=(0, 2))
+    assert aside == 0 and ahead > 0.6
 
 
 def test_printed_points_are_possible_only_from_the_front():

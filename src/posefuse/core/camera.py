@@ -14,6 +14,8 @@ from .errors import CalibrationError
 from .se3 import SE3
 
 LENS_MODELS = ("pinhole", "fisheye")
+# far above what the inverse of a lens is exact to, far below any two rays that share a pixel
+_SAME_RAY_NORM = 1e-4
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -89,6 +91,20 @@ class Camera:
         xyz_cam = self.cam_from_world @ np.asarray(xyz_world, np.float64)
         depth = np.where(xyz_cam[..., 2:] > 0, xyz_cam[..., 2:], np.nan)
         return self.px_from_norm(xyz_cam[..., :2] / depth)
+
+    def sees(self, xyz_world: Any) -> Array:
+        """Whether world points (..., 3) lie in the image (...): on the ray of the pixel that `project` gives; False for NaN.
+
+        Lens models bend rays from far outside the image back into it.
+        """
+        xy_img = self.project(xyz_world)
+        inside = np.asarray((xy_img >= -0.5).all(axis=-1) & (xy_img < np.array(self.size_wh) - 0.5).all(axis=-1))
+        if not self.distortion.any() and self.model == "pinhole":
+            return inside
+        xyz_cam = self.cam_from_world @ np.asarray(xyz_world, np.float64)[inside]
+        off_norm = self.norm_from_px(xy_img[inside]) - xyz_cam[..., :2] / xyz_cam[..., 2:]
+        inside[inside] = (np.abs(off_norm) < _SAME_RAY_NORM).all(axis=-1)
+        return inside
 
     def depth(self, xyz_world: Any) -> Array:
         """Distance (...) along the optical axis in metres; negative behind the camera."""

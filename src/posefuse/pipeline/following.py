@@ -228,9 +228,7 @@ def _people(pose: Pose3D) -> int:
 def _in_image(camera: Camera, xyz_world: Array) -> bool:
     """Whether most of a body (K, 3) lies in the image."""
     known = xyz_world[np.isfinite(xyz_world[:, 0])]
-    xy = camera.project(known)
-    inside = (xy >= 0).all(axis=-1) & (xy < np.array(camera.size_wh)).all(axis=-1)
-    return bool(len(known)) and bool(inside.mean() > _IN_IMAGE)
+    return bool(len(known)) and bool(camera.sees(known).mean() > _IN_IMAGE)
 
 
 def _without(seen: _Seen, people: set[int]) -> _Seen:

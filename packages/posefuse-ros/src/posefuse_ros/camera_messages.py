@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from typing import Any
 
 import numpy as np
@@ -13,7 +13,7 @@ from posefuse.core.errors import choices
 from posefuse.foundation.parsing import one_line
 
 from .messages import header, ns_from_time, optical_frame
-from .types import message
+from .types import message, sparse_message
 
 CAMERA_INFO_TYPE = "sensor_msgs/msg/CameraInfo"
 IMAGE_TYPE = "sensor_msgs/msg/Image"
@@ -39,7 +39,12 @@ _ENCODINGS = {
 JOINT_CENTRES_TYPE = "posefuse_msgs/msg/JointCentres"
 # of each list of names: a table of all joints and segments there are needs a third
 MAX_ENTRIES = 512
-MAX_OFFSET_M, MAX_LENGTH_M, MAX_SLOPE = 0.5, 3.0, 1.0
+# field of numbers -> where `JointCentres` has them, the fields of their names, least and greatest number
+_TABLES: dict[str, tuple[str, tuple[str, ...], float, float]] = {
+    "offset_m": ("offsets", ("joint", "direction"), -0.5, 0.5),
+    "length_m": ("lengths", ("segment",), 0.001, 3.0),
+    "slope": ("by_length", ("slope_joint", "slope_direction", "slope_segment"), -1.0, 1.0),
+}
 _WHERE = "JointCentres message"
 # what goes over the network where no offsets are known
 _NO_TABLE = JointCentres(made_by="", offsets={})
@@ -54,8 +59,7 @@ def info_from_camera(camera: Camera, t_ns: int) -> Any:
         model = "rational_polynomial"
     else:
         model, d = "plumb_bob", np.concatenate([d, np.zeros(5 - len(d))])
-    roi = message("sensor_msgs/msg/RegionOfInterest", x_offset=0, y_offset=0, height=0, width=0, do_rectify=False)
-    return message(
+    return sparse_message(
         CAMERA_INFO_TYPE,
         header=header(t_ns, optical_frame(camera.name)),
         height=camera.size_wh[1],
@@ -65,9 +69,6 @@ def info_from_camera(camera: Camera, t_ns: int) -> Any:
         k=camera.K.ravel(),
         r=np.eye(3).ravel(),
         p=np.hstack([camera.K, np.zeros((3, 1))]).ravel(),
-        binning_x=0,
-        binning_y=0,
-        roi=roi,
     )
 
 
@@ -143,41 +144,22 @@ def _decompressed(msg: Any) -> Array:
 def message_from_joint_centres(centres: LiveJointCentres) -> Any:
     """`posefuse_msgs/JointCentres`; without offsets where there is no table."""
     table = centres.table or _NO_TABLE
-    offsets, slopes = list(_leaves(table.offsets)), list(_leaves(table.by_length))
-    return message(
-        JOINT_CENTRES_TYPE,
-        header=header(centres.t_ns, ""),
-        cameras=list(centres.cameras),
-        made_by=table.made_by,
-        joint=[joint for (joint, _), _ in offsets],
-        direction=[direction for (_, direction), _ in offsets],
-        offset_m=np.array([metres for _, metres in offsets], np.float64),
-        segment=list(table.lengths),
-        length_m=np.array(list(table.lengths.values()), np.float64),
-        slope_joint=[joint for (joint, _, _), _ in slopes],
-        slope_direction=[direction for (_, direction, _), _ in slopes],
-        slope_segment=[segment for (_, _, segment), _ in slopes],
-        slope=np.array([slope for _, slope in slopes], np.float64),
-    )
+    fields: dict[str, Any] = {}
+    for field, (part, named, *_) in _TABLES.items():
+        leaves = list(_leaves(getattr(table, part)))
+        fields[field] = np.array([number for _, number in leaves], np.float64)
+        fields |= {name: [names[i] for names, _ in leaves] for i, name in enumerate(named)}
+    of_all = {"header": header(centres.t_ns, ""), "cameras": list(centres.cameras), "made_by": table.made_by}
+    return message(JOINT_CENTRES_TYPE, **of_all, **fields)
 
 
 def joint_centres_from_message(msg: Any) -> LiveJointCentres:
     """As given to `message_from_joint_centres`; raises MessageError for anything that does not fit."""
     if not 0 < len(msg.cameras) <= MAX_ENTRIES:
         raise MessageError(f"{_WHERE}: expected 1 to {MAX_ENTRIES} cameras, got {len(msg.cameras)}")
-    offsets = _entries("offset_m", msg.offset_m, (msg.joint, msg.direction), lambda m: np.abs(m) <= MAX_OFFSET_M)
-    lengths = _entries("length_m", msg.length_m, (msg.segment,), lambda m: (m > 0) & (m <= MAX_LENGTH_M))
-    named = (msg.slope_joint, msg.slope_direction, msg.slope_segment)
-    slopes = _entries("slope", msg.slope, named, lambda m: np.abs(m) <= MAX_SLOPE)
-    table: dict[str, Any] = {"made_by": msg.made_by, "offsets": {}, "lengths": {}, "by_length": {}}
-    for (joint, direction), metres in offsets.items():
-        table["offsets"].setdefault(joint, {})[direction] = metres
-    for (segment,), metres in lengths.items():
-        table["lengths"][segment] = metres
-    for (joint, direction, segment), slope in slopes.items():
-        table["by_length"].setdefault(joint, {}).setdefault(direction, {})[segment] = slope
+    parts = {part: _tree(msg, field) for field, (part, *_) in _TABLES.items()}
     try:
-        known = JointCentres(**table) if table["offsets"] else None
+        known = JointCentres(made_by=msg.made_by, **parts) if parts["offsets"] else None
     except ConfigError as error:
         raise MessageError(f"{_WHERE}: {error}") from None
     return LiveJointCentres(t_ns=ns_from_time(msg.header.stamp), cameras=tuple(msg.cameras), table=known)
@@ -192,18 +174,27 @@ def _leaves(tree: Mapping[str, Any]) -> Iterator[tuple[tuple[str, ...], float]]:
             yield (name,), inside
 
 
-def _entries(
-    field: str, numbers: Any, named: Sequence[Sequence[str]], fits: Callable[[Array], Array]
-) -> dict[tuple[str, ...], float]:
-    """Each number by its names; raises MessageError unless lists are as long as each other, short, and every number fits."""
-    values = np.asarray(numbers, np.float64)
+def _tree(msg: Any, field: str) -> dict[str, Any]:
+    """The nested mappings of which `_leaves` gives these numbers of a message.
+
+    Raises:
+        MessageError: lists are not as long as each other or too long, a number does not fit, or names come twice.
+    """
+    _, fields, least, most = _TABLES[field]
+    values, named = np.asarray(getattr(msg, field), np.float64), [getattr(msg, name) for name in fields]
     counts = {values.size, *map(len, named)}
     if len(counts) > 1 or values.size > MAX_ENTRIES:
         raise MessageError(f"{_WHERE}: {field}: expected as many names as numbers, {MAX_ENTRIES} at most, got {sorted(counts)}")
-    wrong = values[~fits(values)]
+    wrong = values[~((values >= least) & (values <= most))]
     if len(wrong):
         raise MessageError(f"{_WHERE}: {field}: {wrong[0]:g} cannot be")
     entries = dict(zip(zip(*named, strict=True), values.tolist(), strict=True))
     if len(entries) < values.size:
         raise MessageError(f"{_WHERE}: {field}: expected each name once, got one again")
-    return entries
+    tree: dict[str, Any] = {}
+    for (*outer, last), number in entries.items():
+        inside = tree
+        for name in outer:
+            inside = inside.setdefault(name, {})
+        inside[last] = number
+    return tree

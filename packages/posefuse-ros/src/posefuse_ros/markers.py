@@ -12,7 +12,7 @@ from posefuse.core.arrays import Array
 from posefuse.core.palette import colour_of
 
 from .messages import WORLD, header, point, quaternion, time_from_ns, vector
-from .types import message
+from .types import message, sparse_message
 
 _LINE_LIST, _SPHERE_LIST, _TEXT = 5, 7, 9
 _SOLIDS = {"cube": 1, "sphere": 2}
@@ -23,7 +23,7 @@ _GREY = (0.93, 0.93, 0.93)
 _PREDICTED_ALPHA = 0.45
 # the height alone counts
 _TEXT_SIZE_M = np.array([0.0, 0.0, _TEXT_M])
-_NO_POINTS, _NO_BYTES = np.zeros(0), np.zeros(0, np.uint8)
+_NO_POINTS = np.zeros(0)
 ANNOTATIONS_TYPE = "foxglove_msgs/msg/ImageAnnotations"
 _POINTS, _LINES_2D = 1, 4
 _POINT_PX, _LINE_PX = 5.0, 1.5
@@ -95,22 +95,14 @@ def _marker(
 ) -> Any:
     """`visualization_msgs/Marker`; `size_m` (3,) or one for all axes, points (n, 3), colours (n, 4); `fields` as they are."""
     place, upright = point(xyz.tolist() or (0.0, 0.0, 0.0)), quaternion((1.0, 0.0, 0.0, 0.0))
-    return message(
+    return sparse_message(
         "visualization_msgs/msg/Marker",
-        action=0,
         pose=message("geometry_msgs/msg/Pose", position=place, orientation=upright),
         scale=vector(np.broadcast_to(size_m, 3).astype(np.float64).tolist()),
         lifetime=message("builtin_interfaces/msg/Duration", sec=0, nanosec=lifetime_ns),
-        frame_locked=False,
         points=[point(one) for one in points.tolist()],
         colors=[_colour(*rgba) for rgba in colours.tolist()],
-        texture_resource="",
-        texture=message("sensor_msgs/msg/CompressedImage", header=header(0, ""), format="", data=_NO_BYTES),
-        uv_coordinates=[],
-        mesh_resource="",
-        mesh_file=message("visualization_msgs/msg/MeshFile", filename="", data=_NO_BYTES),
-        mesh_use_embedded_materials=False,
-        **{"color": _colour(*_GREY, 1.0), "text": "", **fields},
+        **{"color": _colour(*_GREY, 1.0), **fields},
     )
 
 

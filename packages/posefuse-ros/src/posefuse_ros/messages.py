@@ -35,6 +35,24 @@ _NS = 1_000_000_000
 _MIN_NS, _MAX_NS = -(2**31) * _NS, 2**31 * _NS - 1
 _UPPER = np.triu_indices(3)
 NAMES_TYPE = "std_msgs/msg/String"
+# field of a message -> the array of the value, and its axes
+Fields = Mapping[str, tuple[str, str]]
+_DETECTION_FIELDS = {
+    "xy_px": ("xy_img", "P K 2"),
+    "score": ("score", "P K"),
+    "sigma_px": ("sigma_px", "P K"),
+    "box_px": ("box_img", "P 4"),
+    "clothing_lab": ("clothing_lab", "P 3 3"),
+    "depth_m": ("depth_m", "P K 2"),
+}
+_POSE_FIELDS = {
+    "xyz_m": ("xyz_world", "N K 3"),
+    "reprojection_px": ("reproj_px", "N K"),
+    "views": ("n_views", "N K"),
+    "kind": ("kind", "N K"),
+}
+# empty where nothing is known
+_OPTIONAL = frozenset({"clothing_lab", "depth_m"})
 
 
 def time_from_ns(t_ns: int) -> Any:
@@ -87,12 +105,7 @@ def message_from_detections(detections: Detections2D, stages: Stages, state: Cam
         skeleton=detections.skeleton.name,
         keypoints=list(detections.skeleton.keypoints),
         people=len(detections),
-        xy_px=detections.xy_img.ravel(),
-        score=detections.score.ravel(),
-        sigma_px=detections.sigma_px.ravel(),
-        box_px=detections.box_img.ravel(),
-        clothing_lab=_known_or_empty(detections.clothing_lab),
-        depth_m=np.zeros(0, np.float32) if detections.depth_m is None else detections.depth_m.ravel(),
+        **_flat(detections, _DETECTION_FIELDS),
         stages=_stage_list(stages),
         captured=state.captured if state else 0,
         used=state.used if state else 0,
@@ -119,36 +132,17 @@ def detections_from_message(msg: Any) -> tuple[Detections2D, dict[str, int]]:
         raise MessageError(f"{where}: expected at most {MAX_PEOPLE} people, got {people}")
     if not msg.camera:
         raise MessageError(f"{where}: expected the camera's name, got an empty one")
-    xy = _shaped(msg.xy_px, (people, k, 2), where, "xy_px")
-    score = _shaped(msg.score, (people, k), where, "score")
-    sigma = _shaped(msg.sigma_px, (people, k), where, "sigma_px")
-    box = _shaped(msg.box_px, (people, 4), where, "box_px")
-    worn, sent = msg.clothing_lab, msg.depth_m
-    clothing = _shaped(worn, (people, 3, 3), where, "clothing_lab") if len(worn) else np.zeros((0, 3, 3))
-    depth = _shaped(sent, (people, k, 2), where, "depth_m") if len(sent) else None
-    if depth is not None and (np.isinf(depth).any() or (depth < 0).any()):
-        raise MessageError(f"{where} of {msg.camera}: expected depths and their sigmas >= 0, finite or NaN")
-    if np.isinf(clothing).any():
-        raise MessageError(f"{where} of {msg.camera}: expected finite colours or NaN")
-    if not ((score >= 0) & (score <= 1)).all() or np.isinf(xy).any() or (sigma < 0).any() or np.isinf(sigma).any():
-        raise MessageError(f"{where} of {msg.camera}: expected scores in 0..1, finite or NaN px and sigma >= 0")
-    if (np.isnan(xy).any(axis=-1) & (score > 0)).any():
+    arrays = _shaped(msg, _DETECTION_FIELDS, {"P": people, "K": k}, where)
+    score = arrays["score"]
+    for name in ("sigma_px", "depth_m"):
+        if (arrays.get(name, score) < 0).any():
+            raise MessageError(f"{where} of {msg.camera}: {name}: expected values >= 0 or NaN")
+    if not ((score >= 0) & (score <= 1)).all():
+        raise MessageError(f"{where} of {msg.camera}: expected scores in 0..1")
+    if (np.isnan(arrays["xy_img"]).any(axis=-1) & (score > 0)).any():
         raise MessageError(f"{where} of {msg.camera}: expected score 0 where a keypoint is NaN")
-    return Detections2D(
-        camera=msg.camera,
-        t_ns=ns_from_time(msg.header.stamp),
-        skeleton=skeleton,
-        xy_img=xy,
-        score=score,
-        sigma_px=sigma,
-        box_img=box,
-        clothing_lab=clothing,
-        depth_m=depth,
-    ), _stages(msg)
-
-
-def _known_or_empty(array: Array) -> Array:
-    return array.ravel() if np.isfinite(array).any() else np.zeros(0, array.dtype)
+    view = Detections2D(camera=msg.camera, t_ns=ns_from_time(msg.header.stamp), skeleton=skeleton, **arrays)
+    return view, _stages(msg)
 
 
 def message_from_pose(pose: Pose3D, stages: Stages) -> Any:
@@ -159,11 +153,8 @@ def message_from_pose(pose: Pose3D, stages: Stages) -> Any:
         skeleton=pose.skeleton.name,
         keypoints=list(pose.skeleton.keypoints),
         person_id=pose.person_id,
-        xyz_m=pose.xyz_world.ravel(),
         covariance_m2=pose.cov_world[..., _UPPER[0], _UPPER[1]].ravel(),
-        reprojection_px=pose.reproj_px.ravel(),
-        views=pose.n_views.ravel(),
-        kind=pose.kind.ravel(),
+        **_flat(pose, _POSE_FIELDS),
         stages=_stage_list(stages),
     )
 
@@ -175,27 +166,16 @@ def pose_from_message(msg: Any) -> tuple[Pose3D, dict[str, int]]:
     n, k = len(msg.person_id), len(skeleton)
     if n > MAX_PEOPLE:
         raise MessageError(f"{where}: expected at most {MAX_PEOPLE} people, got {n}")
-    xyz = _shaped(msg.xyz_m, (n, k, 3), where, "xyz_m")
-    upper = _shaped(msg.covariance_m2, (n, k, 6), where, "covariance_m2")
-    kind = _shaped(msg.kind, (n, k), where, "kind")
-    if np.isinf(xyz).any() or np.isinf(upper).any():
-        raise MessageError(f"{where}: expected finite values or NaN, got infinity")
+    fields = {**_POSE_FIELDS, "covariance_m2": ("cov_world", "N K 6")}
+    arrays = _shaped(msg, fields, {"N": n, "K": k}, where)
+    upper, kind = arrays["cov_world"], arrays["kind"]
     if kind.size and kind.max() > max(Kind):
         raise MessageError(f"{where}: kind: expected 0 to {max(Kind)}, got {kind.max()}")
     cov = np.empty((n, k, 3, 3))
     cov[..., _UPPER[0], _UPPER[1]] = upper
     cov[..., _UPPER[1], _UPPER[0]] = upper
-    pose = Pose3D(
-        t_ns=ns_from_time(msg.header.stamp),
-        skeleton=skeleton,
-        person_id=np.asarray(msg.person_id),
-        xyz_world=xyz,
-        cov_world=cov,
-        reproj_px=_shaped(msg.reprojection_px, (n, k), where, "reprojection_px"),
-        n_views=_shaped(msg.views, (n, k), where, "views"),
-        kind=kind,
-    )
-    return pose, _stages(msg)
+    known = {**arrays, "cov_world": cov, "person_id": np.asarray(msg.person_id)}
+    return Pose3D(t_ns=ns_from_time(msg.header.stamp), skeleton=skeleton, **known), _stages(msg)
 
 
 def messages_from_joints(joints: JointAngles, t_ns: int) -> list[Any]:
@@ -222,12 +202,27 @@ def _stages(msg: Any) -> dict[str, int]:
     return {stage.name: ns_from_time(stage.stamp) for stage in msg.stages}
 
 
-def _shaped(values: Any, shape: Sequence[int], where: str, field: str) -> Array:
-    array = np.asarray(values)
-    if array.size != int(np.prod(shape)):
-        axes = " x ".join(map(str, shape))
-        raise MessageError(f"{where}: {field} holds {array.size} numbers, expected {axes}")
-    return array.reshape(shape)
+def _flat(value: Any, fields: Fields) -> dict[str, Array]:
+    """The arrays of a value by the fields of its message; one that is not there is empty, and so are colours of no person."""
+    arrays = {field: getattr(value, name) for field, (name, _) in fields.items()}
+    if "clothing_lab" in arrays and np.isnan(arrays["clothing_lab"]).all():
+        arrays["clothing_lab"] = None
+    return {field: np.zeros(0, np.float32) if array is None else array.ravel() for field, array in arrays.items()}
+
+
+def _shaped(msg: Any, fields: Fields, sizes: Mapping[str, int], where: str) -> dict[str, Array]:
+    """The arrays of a message by their names in its value, without empty optional ones; MessageError where they do not fit."""
+    arrays: dict[str, Array] = {}
+    for field, (name, axes) in fields.items():
+        array, shape = np.asarray(getattr(msg, field)), [sizes[axis] if axis in sizes else int(axis) for axis in axes.split()]
+        if field in _OPTIONAL and not array.size:
+            continue
+        if array.size != int(np.prod(shape)):
+            raise MessageError(f"{where}: {field} holds {array.size} numbers, expected {' x '.join(map(str, shape))}")
+        if np.isinf(array).any():
+            raise MessageError(f"{where}: {field}: expected finite values or NaN, got infinity")
+        arrays[name] = array.reshape(shape)
+    return arrays
 
 
 def _skeleton(msg: Any, where: str) -> Skeleton:
@@ -335,10 +330,8 @@ def joint_state(one: str, position_rad: Array, velocity_rad_s: Array, t_ns: int)
 def keypoints_seen(pose: Pose3D, n: int, camera: Camera) -> tuple[Array, Array]:
     """Pixels (18, 2) of person n in the order of `hri_msgs/Skeleton2D`, and which of them are inside the image."""
     xyz = pick_keypoints(pose.xyz_world[n], pose.skeleton, _SKELETON2D)
-    xy, size = camera.project(xyz), np.array(camera.size_wh)
-    # a lens model bends points far outside the image back into it
-    near = np.abs(_straight_px(camera, xyz) - size / 2) < 1.5 * size
-    return xy, np.asarray(((xy >= 0) & (xy <= size - 1) & near).all(axis=-1))
+    # what is sent is from 0 to 1, between the centres of the first and the last pixels
+    return np.clip(camera.project(xyz), 0.0, _last_px(camera)), camera.sees(xyz)
 
 
 def skeleton2d(xy_img: Array, inside: Array, camera: Camera, t_ns: int) -> Any:
@@ -368,11 +361,6 @@ def region_of_interest(xy_img: Array, camera: Camera, t_ns: int) -> Any:
 
 def _last_px(camera: Camera) -> Array:
     return np.array(camera.size_wh) - 1.0
-
-
-def _straight_px(camera: Camera, xyz_world: Array) -> Array:
-    xyz = camera.cam_from_world @ xyz_world
-    return np.asarray((xyz[..., :2] / xyz[..., 2:]) @ camera.K[:2, :2].T + camera.K[:2, 2])
 
 
 def _pose(pose: SE3) -> Any:

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import struct
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cache
 from pathlib import Path
 from types import ModuleType
@@ -81,6 +81,14 @@ def _store(name: str, texts: Mapping[str, str]) -> Typestore:
 def message(type_name: str, /, **fields: Any) -> Any:
     """A ROS 2 message of `type_name` (``pkg/msg/Type``); raises TypeError for a field that is missing or unknown."""
     return ros2_types().types[type_name](**fields)
+
+
+def sparse_message(type_name: str, /, **fields: Any) -> Any:
+    """As `message`; what is not given is zero or empty, as ROS makes messages."""
+    from rosbags.convert.converter import default_message
+
+    made: Any = default_message(ros2_types(), type_name)
+    return replace(made, **fields)
 
 
 def encode(msg: Any) -> bytes:

@@ -46,7 +46,7 @@ Row = tuple[float, float, float]
 _UP = np.array([0.0, 0.0, 1.0])
 _SQUARE_LEAST = 1e-6
 _FARTHEST_M = 1e6
-# the largest side of a framebuffer in common OpenGL drivers; what the driver here allows is checked before rendering
+# the largest side of a framebuffer that OpenGL from 4.1 on demands of a driver
 MOST_SIDE_PX = 16_384
 # each camera is a video to render and a view to solve for: no room has more
 MOST_CAMERAS = 1000

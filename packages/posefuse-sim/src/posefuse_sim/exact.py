@@ -13,7 +13,7 @@ from posefuse.core.skeleton import ANATOMICAL23
 from .body import ANGLE_NAMES, JOINTS, SEGMENTS
 from .build import LiveScene, live_scene
 from .scene import Scene
-from .surroundings import FLESH_M, hidden_by_shapes, in_image
+from .surroundings import FLESH_M, hidden_by_shapes
 
 # a printed point lies on the surface that is drawn; the depth of a pixel is this good
 _PRINT_M = 0.02
@@ -83,10 +83,9 @@ def seen_points(live: LiveScene, camera_index: int, frames: slice) -> SeenPoints
         half = camera.readout_s / 2
         early, late = _all_points(live, t_s - half)[0], _all_points(live, t_s + half)[0]
         xyz_world = _when_exposed(camera, early, xyz_world, late)
-    xy_img = camera.project(xyz_world)
     facing = ((camera.centre_world - xyz_world) * normals).sum(-1) > 0
     free = ~np.isfinite(normals[..., 0])
-    return SeenPoints(xyz_world, xy_img, in_image(camera, xy_img) & (facing | free))
+    return SeenPoints(xyz_world, camera.project(xyz_world), camera.sees(xyz_world) & (facing | free))
 
 
 def flesh_of_points(live: LiveScene) -> Array:

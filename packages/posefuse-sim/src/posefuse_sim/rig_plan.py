@@ -22,7 +22,7 @@ from posefuse.fusion.triangulation import sigma_of_size
 from posefuse_sim.cameras import ListedCameras, PlacedCamera, RingCameras, placed_cameras, rig_from_cameras
 from posefuse_sim.motion.settings import RandomPath, WalkSettings
 from posefuse_sim.scene import PersonSettings, Scene
-from posefuse_sim.surroundings import Box, RoomSettings, in_image
+from posefuse_sim.surroundings import Box, RoomSettings
 
 _ROOM_M = (7.0, 7.0)
 # part of the room that a walk keeps to, and the least that a random path needs
@@ -214,12 +214,10 @@ def _axis(size_m: float, step_m: float) -> Array:
 
 def _sees(camera: Camera, xyz_world: Array, boxes: Sequence[Box]) -> Array:
     """(...) whether points lie in the image and no box stands before them."""
-    xy = camera.project(xyz_world)
-    with np.errstate(invalid="ignore"):
-        seen = in_image(camera, xy)
+    seen = camera.sees(xyz_world)
     for box in boxes:
         seen &= ~box.between(camera.centre_world, xyz_world)
-    return np.asarray(seen)
+    return seen
 
 
 def _slope(camera: Camera, xyz_world: Array) -> Array:

@@ -16,7 +16,7 @@ import numpy as np
 from annotated_types import Ge, Gt, Le
 from pydantic import Field
 
-from posefuse.core import SE3, Camera, ConfigError
+from posefuse.core import SE3, ConfigError
 from posefuse.core.arrays import Array, freeze_fields
 from posefuse.core.skeleton import ANATOMICAL23
 from posefuse.foundation.settings import settings
@@ -208,11 +208,6 @@ _CAPSULES = (
     + _MIDDLE_CAPSULES
 )
 _TINY = 1e-12
-
-
-def in_image(camera: Camera, xy_img: Array) -> Array:
-    """(...) whether pixels (..., 2) lie on the image; False for NaN."""
-    return np.asarray((xy_img >= -0.5).all(axis=-1) & (xy_img < np.array(camera.size_wh) - 0.5).all(axis=-1))
 
 
 def hidden_by_shapes(eye_world: Array, xyz_world: Array, flesh_m: Array, boxes: tuple[Box, ...], people: Array) -> Array:

@@ -10,7 +10,6 @@ from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from posefuse.core import ConfigError
 from posefuse.core.arrays import Array
@@ -18,6 +17,7 @@ from posefuse.formats.gltf import vertex_normals
 from posefuse_sim.body import SimulatedBody
 from posefuse_sim.body.body import GROUPS
 from posefuse_sim.build import MovingPerson
+from posefuse_sim.motion.posture import slerp
 from posefuse_sim.props import Prop
 
 from .collada import MOST_WEIGHTS, ColladaSkeleton, Mesh, in_parent, joint_name
@@ -64,9 +64,8 @@ def halfway(world_from_joint: Array, parent: Array) -> Array:
     """(T - 1, J, 4, 4) poses in the middle between keys (T, J, 4, 4), as Gazebo has them: half of each move in the parent."""
     local = in_parent(world_from_joint, parent)
     before, after = local[:-1], local[1:]
-    step = Rotation.from_matrix((np.swapaxes(before, -1, -2) @ after)[..., :3, :3].reshape(-1, 3, 3)).as_rotvec() / 2
     middle = (before + after) / 2
-    middle[..., :3, :3] = before[..., :3, :3] @ Rotation.from_rotvec(step).as_matrix().reshape(*before.shape[:2], 3, 3)
+    middle[..., :3, :3] = slerp(before[..., :3, :3], after[..., :3, :3], 0.5)
     world = np.empty_like(middle)
     for j, over in enumerate(parent):
         world[:, j] = middle[:, j] if over < 0 else world[:, over] @ middle[:, j]

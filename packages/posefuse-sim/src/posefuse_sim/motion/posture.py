@@ -145,10 +145,10 @@ def bones_of(body: SimulatedBody, posture: BodyPosture) -> Array:
     return body.pose(bones, posture.centre_world)
 
 
-def slerp(first: Array, second: Array, part: float) -> Array:
-    """Rotations (T, 3, 3) that have made `part` of the way from `first` to `second`, along the shortest turn."""
-    step = Rotation.from_matrix(np.swapaxes(first, -1, -2) @ second).as_rotvec() * part
-    return np.asarray(first @ Rotation.from_rotvec(step).as_matrix())
+def slerp(first: Array, second: Array, part: float | Array) -> Array:
+    """Rotations (..., 3, 3) that have made `part` of the way from `first` to `second`, along the shortest turn."""
+    step = Rotation.from_matrix((np.swapaxes(first, -1, -2) @ second).reshape(-1, 3, 3)).as_rotvec() * part
+    return np.asarray(first @ Rotation.from_rotvec(step).as_matrix().reshape(first.shape))
 
 
 def _rest_axes(body: SimulatedBody, segment: str) -> Array:
@@ -189,10 +189,7 @@ def posture_between(t_s: Array, samples: BodyPosture, at_s: Array, loop: bool) -
     at = first + np.mod(at - first, last - first) if loop else np.clip(at, first, last)
     i = np.clip(np.searchsorted(t_s, at, side="right") - 1, 0, len(t_s) - 2)
     part = ((at - t_s[i]) / (t_s[i + 1] - t_s[i]))[:, None]
-    axes = {}
-    for name, turns in samples.axes_world.items():
-        step = Rotation.from_matrix(np.swapaxes(turns[i], -1, -2) @ turns[i + 1]).as_rotvec()
-        axes[name] = turns[i] @ Rotation.from_rotvec(part * step).as_matrix()
+    axes = {name: slerp(turns[i], turns[i + 1], part) for name, turns in samples.axes_world.items()}
     toes = samples.toes_up_rad[i] + part * (samples.toes_up_rad[i + 1] - samples.toes_up_rad[i])
     return BodyPosture(CubicSpline(t_s, samples.centre_world)(at), axes, toes)
 

@@ -50,11 +50,11 @@ _USUAL_PERIOD_S = {"reach": 3.0, "squat": 4.0, "wave": 0.9, "overhead": 3.0, "si
 Stance = tuple[Array, dict[str, Array]]
 
 
-def wander(rng: np.random.Generator, slowest_hz: float, fastest_hz: float) -> Callable[[Array], Array]:
-    """A sum of sines of random phases with unit variance, of times (T,); rates spread evenly in logarithm between the two."""
+def wander(rng: np.random.Generator, slowest_hz: float, fastest_hz: float, t_s: Array) -> Array:
+    """(T,) a sum of sines of random phases with unit variance; rates spread evenly in logarithm between the two."""
     edges = np.linspace(np.log(slowest_hz), np.log(fastest_hz), _PARTIALS + 1)
     rate_hz, phase_rad = np.exp(rng.uniform(edges[:-1], edges[1:])), rng.uniform(0, 2 * np.pi, _PARTIALS)
-    return lambda t_s: np.asarray(np.sin(2 * np.pi * t_s[:, None] * rate_hz + phase_rad).sum(axis=1) / np.sqrt(_PARTIALS / 2))
+    return np.asarray(np.sin(2 * np.pi * t_s[:, None] * rate_hz + phase_rad).sum(axis=1) / np.sqrt(_PARTIALS / 2))
 
 
 def minimum_jerk(x: Array) -> Array:
@@ -76,15 +76,10 @@ def leaned(axes: Array, forward_rad: Array, right_rad: Array | float = 0.0, left
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Stander:
-    """A body that stands on two feet, planted side by side, and what it does there.
-
-    Attributes:
-        ease: its small movements.
-    """
+    """A body that stands on two feet, planted side by side, and what it does there."""
 
     body: SimulatedBody
     settings: StandSettings
-    ease: Ease
     seed: int
 
     @property
@@ -170,40 +165,13 @@ def straight_up(stander: Stander, count: int) -> Stance:
     return centre, axes
 
 
-class Ease:
-    """The small movements of a standing person."""
-
-    def __init__(self, rng: np.random.Generator, size: float) -> None:
-        self._size = size
-        self._forward, self._aside, self._lean = (wander(rng, 0.05, 0.8) for _ in range(3))
-        self._gaze, self._nod = wander(rng, 0.03, 0.25), wander(rng, 0.03, 0.2)
-        self._arms = [wander(rng, 0.05, 0.5) for _ in SIDES]
-
-    def applied(self, stander: Stander, t_s: Array) -> Stance:
-        """Where they bring a person who stands upright."""
-        base = np.broadcast_to(stander.base(), (len(t_s), 3, 3))
-        size = self._size
-        ahead, aside = size * _SWAY_FORWARD_M * self._forward(t_s), size * _SWAY_ASIDE_M * self._aside(t_s)
-        centre = np.tile([*stander.settings.position_m, stander.hip_height_m() - 0.004], (len(t_s), 1))
-        centre += base[..., 0] * ahead[:, None] + base[..., 2] * aside[:, None]
-        pelvis = leaned(base, 0.01 * size * self._lean(t_s), aside * 0.8)
-        breath = size * 0.012 * np.sin(2 * np.pi * _BREATHS_HZ * t_s)
-        thorax = leaned(base, 0.012 * size * self._lean(t_s) - breath, -aside)
-        head = leaned(base, 0.05 * size * self._nod(t_s), 0.0, 0.22 * size * self._gaze(t_s))
-        axes = {"pelvis": pelvis, "thorax": thorax, "head": head} | stander.legs(centre, pelvis)
-        for side, swing in zip(SIDES, self._arms, strict=True):
-            axes |= easy_arm(stander.body, side, thorax, 0.03 * size * swing(t_s))
-        return centre, axes
-
-
 def standing_motion(body: SimulatedBody, settings: StandSettings, seed: int) -> Callable[[Array], BodyPosture]:
     """Postures at times (T,).
 
     Raises:
         ConfigError: a path whose times do not increase, or that is out of the reach of the arm.
     """
-    ease = Ease(np.random.default_rng(seed), settings.sway)
-    stander = Stander(body=body, settings=settings, ease=ease, seed=seed)
+    stander = Stander(body=body, settings=settings, seed=seed)
     stance = _STANCES[settings.kind]
 
     def posture(t_s: Array) -> BodyPosture:
@@ -235,7 +203,21 @@ def _horizontal_arm(thorax: Array, side: str) -> dict[str, Array]:
 
 def _idle(stander: Stander, t_s: Array) -> Stance:
     """Sway of a few millimetres, breathing, slow glances."""
-    return stander.ease.applied(stander, t_s)
+    rng, size = np.random.default_rng(stander.seed), stander.settings.sway
+    forward, aside, lean = (wander(rng, 0.05, 0.8, t_s) for _ in range(3))
+    gaze, nod = wander(rng, 0.03, 0.25, t_s), wander(rng, 0.03, 0.2, t_s)
+    base = np.broadcast_to(stander.base(), (len(t_s), 3, 3))
+    ahead, aside = size * _SWAY_FORWARD_M * forward, size * _SWAY_ASIDE_M * aside
+    centre = np.tile([*stander.settings.position_m, stander.hip_height_m() - 0.004], (len(t_s), 1))
+    centre += base[..., 0] * ahead[:, None] + base[..., 2] * aside[:, None]
+    pelvis = leaned(base, 0.01 * size * lean, aside * 0.8)
+    breath = size * 0.012 * np.sin(2 * np.pi * _BREATHS_HZ * t_s)
+    thorax = leaned(base, 0.012 * size * lean - breath, -aside)
+    head = leaned(base, 0.05 * size * nod, 0.0, 0.22 * size * gaze)
+    axes = {"pelvis": pelvis, "thorax": thorax, "head": head} | stander.legs(centre, pelvis)
+    for side in SIDES:
+        axes |= easy_arm(stander.body, side, thorax, 0.03 * size * wander(rng, 0.05, 0.5, t_s))
+    return centre, axes
 
 
 def _wave(stander: Stander, t_s: Array) -> Stance:

@@ -18,7 +18,7 @@ from posefuse_sim.props import Prop
 from posefuse_sim.surroundings import RoomSettings
 
 from . import textures
-from .stage import PROP, check_framebuffer, mujoco_with
+from .stage import PROP, mujoco_with
 
 _WALL_THICK_M = 0.05
 _SHADOW_PX = 2048
@@ -40,12 +40,10 @@ def render_model(live: LiveScene, cameras: Iterable[Camera], backend: str) -> An
         cameras: those whose images are to be drawn. backend: how this process would draw.
 
     Raises:
-        DependencyError: the extra ``sim`` is missing. InputError: an image is larger than the driver draws.
-        ConfigError: a lens sees further aside than an ideal image can show.
+        DependencyError: the extra ``sim`` is missing. ConfigError: a lens sees further aside than an ideal image can show.
     """
     views = [optics_of(camera).view for camera in cameras]
     largest_wh = max(view.width for view in views), max(view.height for view in views)
-    check_framebuffer(backend, max(largest_wh))
     scene, room, seed = _Builder(mujoco_with(backend)), live.scene.room, live.scene.seed
     scene.look(room, live.room_size_m, largest_wh)
     scene.picture("cloth", textures.cloth_picture(np.random.default_rng([seed, 31])), specular=0.05, shininess=0.1)

@@ -17,7 +17,7 @@ from typing import Any
 
 import numpy as np
 
-from posefuse.core import SE3, DependencyError, InputError
+from posefuse.core import SE3, DependencyError
 from posefuse.core.arrays import Array
 from posefuse.core.ideal_image import SourceView
 from posefuse.foundation.platform import offscreen_backends
@@ -108,8 +108,6 @@ BACKENDS = offscreen_backends()
 _MODULES = {"wgl": "glfw"}  # MuJoCo draws by WGL through the module of this name
 _PYOPENGL = ("egl", "osmesa")  # platform names of PyOpenGL
 _PROBE_LIMIT_S, _DRAWN = 120, "drawn"
-# what OpenGL 4.1 demands of a driver; for one that does not report its features
-_SIDE_OF_EVERY_DRIVER_PX = 16_384
 _CURE = {
     "egl": "Debian/Ubuntu: apt-get install libegl1 libgl1 libgl1-mesa-dri (EGL) or libosmesa6 (OSMesa)",
     "wgl": "Windows: install the graphics driver of the maker; a remote desktop or a service may have no OpenGL",
@@ -138,22 +136,6 @@ def _first_working(candidates: tuple[str, ...]) -> str:
     if "No module named" in reasons[0]:
         raise DependencyError(f"rendering needs the extra sim: pip install 'posefuse[sim]' ({reasons[0]})")
     raise DependencyError(f"rendering needs OpenGL without a screen, and none works ({'; '.join(reasons)}). {_CURE}")
-
-
-def check_framebuffer(backend: str, side_px: int) -> None:
-    """Raise InputError when the driver cannot draw images with a side of `side_px`."""
-    most_px = _largest_side_px(backend)
-    if side_px > most_px:
-        raise InputError(
-            f"cameras: an image with a side of {side_px} px (the lens's margin included) is more than OpenGL by {backend} "
-            f"draws here: expected at most {most_px} px"
-        )
-
-
-def _largest_side_px(backend: str) -> int:
-    """GL_MAX_RENDERBUFFER_SIZE, where the driver reports it."""
-    done = _tried(backend)
-    return int(done.stdout.split()[-1]) if done is not None and done.returncode == 0 else _SIDE_OF_EVERY_DRIVER_PX
 
 
 @contextmanager
@@ -193,9 +175,11 @@ def gl_context(backend: str, width: int, height: int) -> Any:
 
 
 def _why_not(backend: str) -> str | None:
-    """None when a process with this backend can draw, else the last line of its output."""
-    done = _tried(backend)
-    if done is None:
+    """None when a process of its own, which draws once with this backend, can; else the last line of its output."""
+    code = f"from posefuse_sim.render.stage import _draw_once; _draw_once({backend!r})"
+    try:
+        done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=_PROBE_LIMIT_S, check=False)
+    except subprocess.TimeoutExpired:
         return f"no picture within {_PROBE_LIMIT_S} s"
     if _DRAWN in done.stdout:
         return None
@@ -203,22 +187,10 @@ def _why_not(backend: str) -> str | None:
     return lines[-1] if lines else f"the process ended with code {done.returncode}"
 
 
-@functools.cache
-def _tried(backend: str) -> subprocess.CompletedProcess[str] | None:
-    """A process of its own that draws once, as a context would settle what this one draws with; None: it took too long."""
-    code = f"from posefuse_sim.render.stage import _draw_once; _draw_once({backend!r})"
-    try:
-        return subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=_PROBE_LIMIT_S, check=False)
-    except subprocess.TimeoutExpired:
-        return None
-
-
 def _draw_once(backend: str) -> None:
-    """Draw, say so, and print the largest side of an image: that last only where the driver reports it."""
+    """Draw, and say so."""
     with gl_environment(backend):
         mujoco = importlib.import_module("mujoco")
     stage = RenderStage(mujoco.MjModel.from_xml_string("<mujoco><worldbody><geom size='1'/></worldbody></mujoco>"), backend)
     print(_DRAWN, flush=True)
-    gl = importlib.import_module("OpenGL.GL")
-    print(int(gl.glGetIntegerv(gl.GL_MAX_RENDERBUFFER_SIZE)))
     stage.close()
