@@ -117,14 +117,19 @@ class Chain:
 
     def distances(self, watch_m: float) -> Array:
         """(P,) distance of each pair, negative where it overlaps; `watch_m` where it is farther apart than that."""
-        return np.array([self._mj.mj_geomDistance(self.model, self._data, a, b, watch_m, None) for a, b in self.pairs])
+        found = np.full(len(self.pairs), watch_m)
+        for i in self._near(watch_m):
+            a, b = self.pairs[i]
+            found[i] = self._mj.mj_geomDistance(self.model, self._data, a, b, watch_m, None)
+        return found
 
     def gaps(self, watch_m: float) -> tuple[Array, Array]:
         """(C,) distances of the pairs nearer than `watch_m`, negative where they overlap; (C, n) their change per joint step."""
         distances, rows = [], []
         self._mj.mj_comPos(self.model, self._data)
         fromto, one, other = np.zeros(6), np.zeros((3, self.model.nv)), np.zeros((3, self.model.nv))
-        for a, b in self.pairs:
+        for i in self._near(watch_m):
+            a, b = self.pairs[i]
             distance = self._mj.mj_geomDistance(self.model, self._data, a, b, watch_m, fromto)
             if distance >= watch_m or abs(distance) < 1e-9:
                 continue
@@ -144,6 +149,18 @@ class Chain:
         geom, local, radius = self._balls
         turned = np.einsum("mij,mj->mi", self._data.geom_xmat[geom].reshape(-1, 3, 3), local)
         return np.column_stack([self._data.geom_xpos[geom] + turned, radius])
+
+    def _near(self, watch_m: float) -> Array:
+        """Pairs whose bounding spheres are nearer than `watch_m`."""
+        data, model = self._data, self.model
+        apart = data.geom_xpos[self.pairs[:, 1]] - data.geom_xpos[self.pairs[:, 0]]
+        radius = model.geom_rbound[self.pairs].sum(axis=1)
+        # a plane has no radius; its normal is its z axis
+        plane = self._plane
+        distance = np.where(
+            plane, (apart * data.geom_xmat[self.pairs[:, 0]][:, 2::3]).sum(axis=1), np.sqrt((apart * apart).sum(axis=1))
+        )
+        return np.asarray(np.flatnonzero(distance - radius < watch_m))
 
     def _length(self, chain: Sequence[int], shoulder: int) -> float:
         """Length of the chain from the shoulder to the end effector, link by link."""
@@ -175,7 +192,10 @@ class Chain:
         could = [(f, g) for f in floor for g in lifted] + [(a, b) for i, a in enumerate(own) for b in own[i + 1 :]]
         could = [pair for pair in could if self._may_touch(*pair)]
         self.pairs = np.array(could, int).reshape(-1, 2)
-        return self.pairs[self.distances(1.0) > apart_m]
+        self._plane = is_plane[self.pairs[:, 0]]
+        apart = self.distances(1.0) > apart_m
+        self._plane = self._plane[apart]
+        return self.pairs[apart]
 
     def _may_touch(self, a: int, b: int) -> bool:
         """MuJoCo's own rule for contacts: masks, exclusions, and bodies that move together or share a joint."""
