@@ -39,7 +39,7 @@ _RECORD_S = 12.0
 _DRAWN_MS = 1000
 _RIG = "calibrations/room/rig.toml"
 # as in the scene
-_TARGETS = {"Cube: black square, mm": "270", "Board: squares across": "4", "down": "3", "square, mm": "220"}
+_TARGETS = {"Cube: square, mm": "270", "Board: squares across": "4", "down": "3", "square, mm": "220"}
 
 
 # images of docs/studio.md, and what they show

@@ -223,11 +223,8 @@ class CountedPixels(Pixels):
         self.asked += 1
         return np.full((48, 64, 3), 90, np.uint8)
 
-    def sample(self, step: int) -> np.ndarray:
-        return np.full((4, 6, 3), 90, np.uint8)
-
-    def fingerprint(self, step: int) -> bytes:
-        return b"same"
+    def brightness(self, step: int) -> np.ndarray:
+        return np.full((4, 6), 90, np.uint8)
 
 
 @pytest.fixture
@@ -324,7 +321,7 @@ def searches(seconds: float, image_at, found_at=lambda t_s: False, period_s: flo
     """Times at which a camera is searched."""
     schedule, done = SearchSchedule(), []
     for t_s in np.arange(0, seconds, period_s):
-        sample = image_at(t_s)[::STEP, ::STEP].copy()
+        sample = image_at(t_s)[::STEP, ::STEP, 1].copy()
         if schedule.due(sample, t_s):
             schedule.searched(sample, t_s, found_at(t_s))
             done.append(float(t_s))

@@ -350,6 +350,15 @@ def test_the_graph_shows_cameras_with_common_views_and_with_enough_of_them() -> 
     assert colours["a"] == colours["b"] and len(set(colours.values())) == 3
 
 
+@pytest.mark.parametrize("count", [2, 3, 4, 7])
+def test_names_in_the_graph_lie_outside_of_its_lines_and_counts_of_lines_that_cross_are_apart(count: int) -> None:
+    names = [f"cam{c}" for c in range(count)]
+    [drawn] = graph_options(names, shared_views(names, np.full((count, count), 40)))["series"]
+    assert {one["label"]["position"] for one in drawn["data"] if one["y"] < 0} == {"top"}
+    assert {one["label"]["position"] for one in drawn["data"] if one["y"] > 0.1} == {"bottom"}
+    assert all(one["lineStyle"]["curveness"] > 0.1 for one in drawn["links"])
+
+
 def test_a_refusal_has_a_picture_of_each_camera_that_it_names(tmp_path: Path) -> None:
     board = Charuco(columns=4, rows=3, square_m=0.2, marker_m=0.15)
     page = np.asarray(board.board().generateImage((320, 240), marginSize=20))

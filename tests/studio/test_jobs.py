@@ -20,7 +20,7 @@ from posefuse.core import InputError
 from posefuse_studio import jobs as jobs_module
 from posefuse_studio import work
 from posefuse_studio.jobs import JOBS_FOLDER, LIVE, WATCH, Job, Jobs, Report
-from posefuse_studio.shell import page_of, state_of
+from posefuse_studio.shell import LIGHTS, page_of, state_of
 from posefuse_studio.workspace import StudioWorkspace, read_stored, write_stored
 
 
@@ -207,11 +207,13 @@ def test_a_job_leads_to_pages_of_the_studio_only(
         (Report(state="done", result={"passed": True}), ("good", "done")),
         (Report(state="done"), ("good", "done")),
         (Report(state="failed"), ("bad", "failed")),
-        (Report(state="running"), ("doubt", "running")),
+        (Report(state="running"), ("busy", "running")),
+        (Report(), ("busy", "starting")),
     ],
 )
 def test_what_was_refused_or_failed_in_part_has_no_green_light(report: Report, shown: tuple[str, str]) -> None:
     assert state_of(report) == shown
+    assert shown[0] in LIGHTS
 
 
 # --- one live session at a time, which gets the cameras

@@ -250,5 +250,18 @@ def test_corrections_of_two_pages_are_all_kept(tmp_path: Path, ring_rig: Callabl
     assert recording.edits == pf.Edits(exclusions=(elsewhere,), names=("Grace",))
 
 
+def test_no_files_are_made_of_no_format(tmp_path: Path, ring_rig: Callable[..., Rig], started: list[tuple[str, Any]]) -> None:
+    saved_session(tmp_path, ring_rig)
+
+    async def use(user: User) -> None:
+        await user.should_see("Formats", retries=100)
+        field(user, ui.select, "Formats").set_value([])
+        user.find(kind=ui.button, content="Export").click()
+        await user.should_see("Choose a format")
+
+    visited(tmp_path, "/recordings?open=result", use)
+    assert started == []
+
+
 def test_networks_are_those_that_find_keypoints() -> None:
     assert {NETWORK, "blazepose_best"} <= {*named_networks()} and "blazepose_persons" not in named_networks()

@@ -35,6 +35,10 @@ def test_a_path_that_leaves_the_workspace_is_refused(workspace: StudioWorkspace,
     refusal(InputError, "inside the workspace", workspace.path, name)
 
 
+def test_a_field_that_was_left_empty_is_refused_as_such(workspace: StudioWorkspace) -> None:
+    refusal(InputError, "expected the name of a file or folder inside the workspace, got none", workspace.existing, "")
+
+
 def test_a_link_that_leaves_the_workspace_is_refused(workspace: StudioWorkspace) -> None:
     (workspace.root.parent / "outside").mkdir()
     (workspace.root.parent / "outside" / "secret.txt").touch()

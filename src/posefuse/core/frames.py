@@ -10,6 +10,9 @@ from .arrays import Array
 from .depth import DepthImage
 from .errors import ShapeError
 
+# of red, green and blue, by ITU-R BT.601
+_BRIGHTNESS = np.array([0.299, 0.587, 0.114])
+
 
 class Pixels:
     """An image (H, W, 3) uint8 RGB; that of a subclass may not have been converted to RGB yet."""
@@ -26,16 +29,12 @@ class Pixels:
         """(H, W, 3) uint8 RGB; the same array each time."""
         return self._image
 
-    def sample(self, step: int) -> Array:
-        """(ceil(H / step), ceil(W / step), 3) uint8 RGB, about: every so many pixels in both directions; a copy.
+    def brightness(self, step: int) -> Array:
+        """(ceil(H / step), ceil(W / step)) uint8, of every so many pixels in both directions; a copy.
 
-        `step` is even. Turned images may be sampled before they are turned.
+        Turned images may be sampled before they are turned.
         """
-        return self.rgb()[::step, ::step].copy()
-
-    def fingerprint(self, step: int) -> bytes:
-        """The same for the same image: of pixels sampled as by `sample` hardly more than their brightness."""
-        return self.rgb()[::step, ::step, 1].tobytes()
+        return np.asarray(self.rgb()[::step, ::step] @ _BRIGHTNESS).astype(np.uint8)
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

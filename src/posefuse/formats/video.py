@@ -22,19 +22,8 @@ from posefuse.core import Closing, InputError
 from posefuse.core.arrays import Array
 from posefuse.core.frames import Pixels
 
-# planes of brightness and two colour differences; those with a J are of full range
+# their first plane is the brightness
 _PLANAR = ("yuv420p", "yuv422p", "yuv444p", "yuvj420p", "yuvj422p", "yuvj444p")
-_FULL_RANGE = 2
-
-
-def _rgb_from_differences(black: float, most: float, most_difference: float) -> Array:
-    """(3, 4) from brightness and two colour differences of 8 bits to RGB, by ITU-R BT.601, for `cv2.transform`."""
-    matrix = np.array([[1.0, 0.0, 1.402], [1.0, -0.344136, -0.714136], [1.0, 1.772, 0.0]])
-    matrix *= [255 / (most - black), 255 / most_difference, 255 / most_difference]
-    return np.column_stack([matrix, -matrix @ [black, 128.0, 128.0]])
-
-
-_FROM_FULL, _FROM_LIMITED = _rgb_from_differences(0.0, 255.0, 255.0), _rgb_from_differences(16.0, 235.0, 224.0)
 
 
 class PixelConverter:
@@ -68,34 +57,14 @@ class DecodedPixels(Pixels):
             self._rgb = upright(self._converter.rgb(self._decoded), self._decoded)
         return self._rgb
 
-    def sample(self, step: int) -> Array:
-        """See `Pixels`; of the usual formats only the sampled pixels are converted."""
-        import cv2
-
-        decoded = self._decoded
-        name = decoded.format.name
-        if name not in _PLANAR:
-            return super().sample(step)
-        height, width = -(-decoded.height // step), -(-decoded.width // step)
-        sampled = np.empty((height, width, 3), np.uint8)
-        for k, plane in enumerate(decoded.planes):
-            # planes of colour differences may have half as many pixels
-            down, across = step * plane.height // decoded.height, step * plane.width // decoded.width
-            sampled[..., k] = _sampled(plane, down, across)[:height, :width]
-        full = name.startswith("yuvj") or int(decoded.color_range) == _FULL_RANGE
-        return np.asarray(cv2.transform(sampled, _FROM_FULL if full else _FROM_LIMITED))
-
-    def fingerprint(self, step: int) -> bytes:
-        """See `Pixels`."""
+    def brightness(self, step: int) -> Array:
+        """See `Pixels`; of the usual formats nothing is converted."""
         if self._decoded.format.name not in _PLANAR:
-            return super().fingerprint(step)
-        return _sampled(self._decoded.planes[0], step, step).tobytes()
-
-
-def _sampled(plane: Any, down: int, across: int) -> Array:
-    """Of a plane every so many pixels; its lines may be longer than the image is wide."""
-    line = plane.line_size
-    return np.ndarray((plane.height, line), np.uint8, plane)[::down, : plane.width : across]
+            return super().brightness(step)
+        plane: Any = self._decoded.planes[0]
+        # its lines may be longer than the image is wide
+        whole = np.ndarray((plane.height, plane.line_size), np.uint8, plane)
+        return whole[::step, : plane.width : step].copy()
 
 
 def upright(image: Array, decoded: VideoFrame) -> Array:

@@ -192,7 +192,7 @@ class Capture:
             for frame in self._source.frames():
                 if self._stop.is_set() or (self._period_ns and frame.t_ns >= self._period_ns - round(LOOP_PAUSE_S * 1e9)):
                     return
-                now = frame.pixels.fingerprint(SAMPLE_STEP)
+                now = frame.pixels.brightness(SAMPLE_STEP).tobytes()
                 still = still + 1 if now == before else 0
                 before = now
                 # those that come as packets of the next one are not missing

@@ -36,7 +36,7 @@ _MOST_JOBS, _MOST_IN_MENU, _SHOWN_NEWS = 4, 8, 2
 REFUSALS = (PosefuseError, OSError)
 """What cannot be done: a page shows it in one line, wherever it was raised."""
 _BUG = "this is a bug of the studio; see its terminal ({})"
-_LIGHTS = {"good": "check_circle", "bad": "error", "doubt": "warning", "off": "radio_button_unchecked"}
+LIGHTS = {"good": "check_circle", "bad": "error", "doubt": "warning", "busy": "pending", "off": "radio_button_unchecked"}
 
 
 @contextmanager
@@ -124,9 +124,9 @@ def icon_button(icon: str, label: str, act: Callable[..., object], color: str | 
 
 
 def light(state: str, text: str) -> ui.row:
-    """A light with its word: ``good``, ``bad``, ``doubt`` or ``off``; colour is never the only sign."""
+    """A light of `LIGHTS` with its word; colour is never the only sign."""
     with ui.row().classes(f"pf-light pf-{state}") as row:
-        ui.icon(_LIGHTS[state])
+        ui.icon(LIGHTS[state])
         ui.label(text)
     return row
 
@@ -198,7 +198,7 @@ def state_of(report: Report) -> tuple[str, str]:
         return "bad", "refused"
     if report.state == "done" and (failed := report.result.get("failed")):
         return "doubt", f"{len(failed)} failed"
-    return {"done": "good", "failed": "bad", "lost": "bad", "cancelled": "off"}.get(report.state, "doubt"), report.state
+    return {"done": "good", "failed": "bad", "lost": "bad", "cancelled": "off"}.get(report.state, "busy"), report.state
 
 
 def page_of(job: Job) -> str:

@@ -52,10 +52,12 @@ class StudioWorkspace:
         Raises:
             InputError: an absolute path, one with ``..``, or one that leaves the workspace through a link.
         """
+        if not name:
+            raise InputError("expected the name of a file or folder inside the workspace, got none")
         relative = PurePosixPath(name)
         # Windows: a drive, and a colon leads to a hidden part of a file
         elsewhere = bool(PureWindowsPath(name).drive) or (os.name == "nt" and ":" in name)
-        if not name or "\\" in name or "\0" in name or elsewhere or relative.is_absolute() or ".." in relative.parts:
+        if "\\" in name or "\0" in name or elsewhere or relative.is_absolute() or ".." in relative.parts:
             raise InputError(f"{name!r}: expected a path inside the workspace, without '..'")
         target = self.root.joinpath(*relative.parts)
         if not target.resolve().is_relative_to(self.root):

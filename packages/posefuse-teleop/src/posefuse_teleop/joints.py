@@ -24,8 +24,6 @@ from .values import RobotState
 _STOP_S = 0.28
 # share of the limits of end effectors that is planned with: a step and a stop are found on chords of slightly curved paths
 _STEP, _STOP = 0.9995, 0.99
-# of the way from the safe step to the wanted one, tried in this order
-_SHARES = (1.0, 0.5, 0.2)
 # pairs of bodies farther apart than this are not measured exactly
 _WATCH_M = 0.25
 _ROUNDING = 1e-9
@@ -124,16 +122,13 @@ class Joints:
                 self._stop, self._along = shorter, self.step
 
     def _moved(self, wanted: Array, dt_s: float) -> bool:
-        """Take the largest part of a wanted step that passes all checks; False: none does."""
+        """Take what the limits of the end effectors leave of a wanted step; False where that does not pass all checks."""
         safe = self._safe(0)
-        most = self._share_in_limits(safe, wanted, dt_s)
-        for share in _SHARES:
-            step = safe + most * share * (wanted - safe)
-            stop = self._checked_stop(step, dt_s)
-            if stop is not None:
-                self._take(step, stop, step)
-                return True
-        return False
+        step = safe + self._share_in_limits(safe, wanted, dt_s) * (wanted - safe)
+        stop = self._checked_stop(step, dt_s)
+        if stop is not None:
+            self._take(step, stop, step)
+        return stop is not None
 
     def _safe(self, left_out: int) -> Array:
         return self._stop[left_out] * self._along if len(self._stop) > left_out else np.zeros(len(self.q))

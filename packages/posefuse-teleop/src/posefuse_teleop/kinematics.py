@@ -262,10 +262,8 @@ def _with_children(model: Any, roots: set[int]) -> list[int]:
 _TURN_LENGTH_M = 0.3
 _DAMPING, _BASE_DAMPING, _POSTURE = 1e-6, 3e-4, 2e-5
 _POSTURE_PER_S = 0.5
-# the arm works alone while it is stretched to between the inner shares of its length and its condition number is below the first;
-# from the outer ones on the base moves freely
+# the arm works alone while it is stretched to between the inner shares of its length; from the outer ones on the base is free
 _FOLDED, _COMFORTABLE, _STRETCHED = (0.3, 0.4), 0.5, 0.62
-_EASY_CONDITION, _HARD_CONDITION = 8.0, 16.0
 # share of the speed limit that a singularity leaves
 _SLOWEST = 0.1
 # a pair of bodies nearer than this is watched
@@ -336,8 +334,7 @@ class WholeBodyIk:
         stretch = self.chain.stretch()
         far = (stretch - _COMFORTABLE) / (_STRETCHED - _COMFORTABLE)
         near = (_FOLDED[1] - stretch) / (_FOLDED[1] - _FOLDED[0])
-        hard = (self.condition - _EASY_CONDITION) / (_HARD_CONDITION - _EASY_CONDITION)
-        return float(np.clip(max(far, near, hard), 0.0, 1.0))
+        return float(np.clip(max(far, near), 0.0, 1.0))
 
     def _bounds(self, q: Array, last: Array, dt_s: float) -> tuple[Array, Array]:
         """Least and most step of each joint. One that is past its limit may come back only."""

@@ -7,7 +7,9 @@ about z, y, z, y, z, y, z from the shoulder to the hand.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from importlib.resources import files
 from pathlib import Path
+from string import Template
 from typing import Any
 
 import numpy as np
@@ -24,17 +26,8 @@ from .settings import LimitSettings
 from .values import RobotState
 
 ARM_HOME_RAD = (0.0, 0.4, 0.0, 1.6, 0.0, 1.1416, 0.0)
-_BASE_KP, _BASE_TURN_KP = 3e5, 3e4
-# joint: axis, range rad, position gain N m/rad, body offset m, capsule end m and radius m, mass kg
-_LINKS = (
-    ("0 0 1", 2.8, 8000, 0.0, 0.28, 0.06, 3.5),
-    ("0 1 0", 1.9, 8000, 0.28, 0.17, 0.055, 3.0),
-    ("0 0 1", 2.8, 5000, 0.17, 0.18, 0.05, 2.5),
-    ("0 1 0", 2.6, 5000, 0.18, 0.17, 0.05, 2.5),
-    ("0 0 1", 2.8, 1500, 0.17, 0.18, 0.042, 1.5),
-    ("0 1 0", 2.4, 1500, 0.18, 0.08, 0.042, 1.0),
-    ("0 0 1", 2.9, 600, 0.08, 0.06, 0.035, 0.5),
-)
+# of the position servos of the arm's joints, N m/rad
+_ARM_GAINS = (8000, 8000, 5000, 5000, 1500, 1500, 600)
 
 
 class MujocoRobot:
@@ -130,68 +123,19 @@ def placed(position_xy_m: tuple[float, float], heading_deg: float) -> SE3:
 
 def mobile_manipulator(hands: Sequence[str] = ("right",)) -> str:
     """MJCF text. Each hand is a site ``right_hand`` or ``left_hand`` at the tip of its suction gripper."""
-    mounts = {1: (0.0,), 2: (-0.2, 0.2)}[len(hands)]
+    mounts_m = {1: (0.0,), 2: (-0.2, 0.2)}[len(hands)]
     ordered = sorted(hands, key=lambda side: side != "right")
-    arms = "".join(_arm(side, y) for side, y in zip(ordered, mounts, strict=True))
-    joints = [f"{side}_j{i}" for side in ordered for i in range(1, 8)]
-    arm_motors = "".join(
-        f'<position name="{name}" joint="{name}" kp="{_LINKS[int(name[-1]) - 1][2]}" dampratio="1"/>' for name in joints
-    )
-    cups = "".join(f'<adhesion name="{side}_grip" body="{side}_cup" ctrlrange="0 1" gain="40"/>' for side in ordered)
-    wheels = "".join(_wheel(x, y) for x in (0.12, -0.3) for y in (0.25, -0.25))
-    home = " ".join(map(str, (0, 0, 0, *(ARM_HOME_RAD * len(ordered)))))
-    return f"""<mujoco model="posefuse mobile manipulator">
-  <compiler angle="radian"/>
-  <option timestep="0.001" integrator="implicitfast" cone="elliptic" impratio="10"/>
-  <visual><global offwidth="1920" offheight="1080"/><headlight ambient="0.45 0.45 0.45"/></visual>
-  <asset>
-    <texture type="skybox" builtin="gradient" rgb1="0.82 0.88 0.95" rgb2="0.97 0.98 1" width="64" height="384"/>
-    <texture name="grid" type="2d" builtin="checker" rgb1="0.86 0.87 0.88" rgb2="0.8 0.81 0.83" width="256" height="256"/>
-    <material name="grid" texture="grid" texrepeat="12 12"/>
-    <material name="shell" rgba="0.93 0.94 0.95 1"/><material name="dark" rgba="0.25 0.28 0.32 1"/>
-  </asset>
-  <worldbody>
-    <light pos="0 0 4" dir="0 0 -1" diffuse="0.5 0.5 0.5"/>
-    <geom name="floor" type="plane" size="6 6 0.1" material="grid"/>
-    <body name="base" pos="0 0 0" gravcomp="1">
-      <joint name="base_x" type="slide" axis="1 0 0"/><joint name="base_y" type="slide" axis="0 1 0"/>
-      <joint name="base_yaw" type="hinge" axis="0 0 1"/>
-      <geom name="base" type="box" size="0.32 0.25 0.14" pos="-0.1 0 0.2" mass="70" material="dark"/>
-      <geom name="column" type="cylinder" size="0.09 0.05" pos="0.05 0 0.38" mass="8" material="shell"/>
-      {wheels}
-      {arms}
-    </body>
-  </worldbody>
-  <actuator>
-    <position name="base_x" joint="base_x" kp="{_BASE_KP:g}" dampratio="1"/>
-    <position name="base_y" joint="base_y" kp="{_BASE_KP:g}" dampratio="1"/>
-    <position name="base_yaw" joint="base_yaw" kp="{_BASE_TURN_KP:g}" dampratio="1"/>
-    {arm_motors}{cups}
-  </actuator>
-  <keyframe><key name="home" qpos="{home}"/></keyframe>
-</mujoco>"""
+    arms = [_filled("arm.xml", side=side, y=y) for side, y in zip(ordered, mounts_m, strict=True)]
+    motors = [
+        f'<position name="{side}_j{i}" joint="{side}_j{i}" kp="{gain}" dampratio="1"/>'
+        for side in ordered
+        for i, gain in enumerate(_ARM_GAINS, 1)
+    ]
+    motors += [f'<adhesion name="{side}_grip" body="{side}_cup" ctrlrange="0 1" gain="40"/>' for side in ordered]
+    home = " ".join(map(str, ARM_HOME_RAD * len(ordered)))
+    return _filled("mobile_manipulator.xml", arms="\n".join(arms), motors="\n".join(motors), home=home)
 
 
-def _wheel(x: float, y: float) -> str:
-    look = 'euler="1.5708 0 0" mass="1" rgba="0.1 0.1 0.1 1" contype="0" conaffinity="0"'
-    return f'<geom type="cylinder" size="0.06 0.02" pos="{x} {y} 0.06" {look}/>'
-
-
-def _arm(side: str, y: float) -> str:
-    text, closing = "", ""
-    for i, (axis, most, _, offset, end, radius, mass) in enumerate(_LINKS, 1):
-        place = f"0.05 {y} 0.43" if i == 1 else f"0 0 {offset}"
-        material = "shell" if i % 2 else "dark"
-        text += (
-            f'<body name="{side}_link{i}" pos="{place}" gravcomp="1">'
-            f'<joint name="{side}_j{i}" axis="{axis}" range="{-most} {most}" limited="true" armature="0.1"/>'
-            f'<geom name="{side}_link{i}" type="capsule" size="{radius}" fromto="0 0 0 0 0 {end}" mass="{mass}" '
-            f'material="{material}"/>'
-        )
-        closing += "</body>"
-    cup = (
-        f'<body name="{side}_cup" pos="0 0 0.1" gravcomp="1">'
-        f'<geom name="{side}_cup" type="cylinder" size="0.03 0.02" mass="0.1" rgba="0.95 0.55 0.15 1" friction="1.5 0.1 0.01"/>'
-        f'<site name="{side}_hand" pos="0 0 0.02" size="0.01" rgba="1 0.2 0.2 1"/></body>'
-    )
-    return text + cup + closing
+def _filled(name: str, **values: object) -> str:
+    """A file of this package with values in the places that it names."""
+    return Template(files(__package__).joinpath(name).read_text(encoding="utf-8")).substitute(values)

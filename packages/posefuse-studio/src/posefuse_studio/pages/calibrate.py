@@ -179,7 +179,8 @@ class _Guide:
     def _concerns(self, job: Job, report: Report) -> bool:
         """Whether it is the newest work of this project, also one that has failed, or what else needs the cameras."""
         if self._mine(job):
-            return job.work in (WATCH, "calibrate")
+            # a recording that runs is in the lines above, with a button
+            return job.work == "calibrate" or (job.work == WATCH and report.ended)
         return job.work == WATCH and bool(job.arguments.get("record")) and not report.ended
 
     def _show_work(self) -> None:
@@ -247,7 +248,7 @@ class _Guide:
 
         with dialog("Targets", {"Use these": use}):
             page = ui.select(list(PAGES_M), value="a4", label="Paper").classes("w-32")
-            cube = number_fields(TargetDescription, {"marker_mm": ("Cube: black square, mm", 120)})
+            cube = number_fields(TargetDescription, {"marker_mm": ("Cube: square, mm", 120)})
             with ui.row().classes("items-end gap-3"):
                 sizes = {"columns": ("Board: squares across", 5), "rows": ("down", 7), "square_mm": ("square, mm", 36)}
                 board = number_fields(TargetDescription, sizes)
@@ -419,21 +420,27 @@ def graph_words(cameras: Sequence[str], shared: Mapping[tuple[str, str], int]) -
 def graph_options(cameras: Sequence[str], shared: Mapping[tuple[str, str], int]) -> dict[str, object]:
     """Cameras on a circle; lines with counts: green from `ENOUGH_TOGETHER` moments on, yellow below. A camera without is red."""
 
-    def camera(name: str) -> dict[str, object]:
+    def camera(c: int, name: str) -> dict[str, object]:
         own = [count for pair, count in shared.items() if name in pair]
-        return {"name": name, "itemStyle": {"color": (_GOOD if max(own) >= ENOUGH_TOGETHER else _DOUBT) if own else _BAD}}
+        colour = (_GOOD if max(own) >= ENOUGH_TOGETHER else _DOUBT) if own else _BAD
+        angle_rad = 2 * np.pi * (c + 0.5) / len(cameras)
+        x, y = float(np.cos(angle_rad)), float(np.sin(angle_rad))
+        # outside of the circle; y points down
+        place = {"position": "top" if y < 0 else "bottom"}
+        return {"name": name, "x": x, "y": y, "itemStyle": {"color": colour}, "label": place}
 
     def line(pair: tuple[str, str], count: int) -> dict[str, object]:
         enough = count >= ENOUGH_TOGETHER
-        style = {"color": _GOOD if enough else _DOUBT, "type": "solid" if enough else "dashed", "opacity": 1.0}
+        # bent, so that counts of lines that cross do not lie on each other
+        style = {"color": _GOOD if enough else _DOUBT, "type": "solid" if enough else "dashed", "opacity": 1.0, "curveness": 0.2}
         width = 2 + 4 * min(count / ENOUGH_TOGETHER, 1.0)
         return {"source": pair[0], "target": pair[1], "value": count, "lineStyle": {**style, "width": width}}
 
     label = {"show": True, "color": "#78909c", "fontSize": 14, "fontWeight": 600}
     drawn = {
-        "type": "graph", "layout": "circular", "top": 40, "bottom": 40, "symbolSize": 30, "label": {**label, "position": "top"},
+        "type": "graph", "layout": "none", "top": 40, "bottom": 40, "symbolSize": 30, "label": label,
         "edgeLabel": {**label, "formatter": "{c}"},
-        "data": [camera(name) for name in cameras], "links": [line(*one) for one in shared.items()],
+        "data": [camera(c, name) for c, name in enumerate(cameras)], "links": [line(*one) for one in shared.items()],
     }  # fmt: skip
     return {"series": [drawn], "animation": False}
 

@@ -12,7 +12,7 @@ import numpy as np
 from nicegui import run, ui
 
 import posefuse as pf
-from posefuse.core import JointAngles, PosefuseError
+from posefuse.core import InputError, JointAngles, PosefuseError
 from posefuse.core.arrays import Array
 from posefuse.core.joint_angles import angle_labels
 from posefuse.core.palette import colour_of
@@ -178,6 +178,8 @@ def _output_card(studio: Studio, name: str, recording: pf.Recording) -> None:
         studio.jobs.start(work, f"{what} of {name}", {"result": name, **more})
 
     def export() -> None:
+        if not chosen.value:
+            raise InputError("Choose a format")
         out = workspace.free_name("exports", recording_place(name).stem)
         start("export", "Files", formats=list(chosen.value), out=out)
 
