@@ -84,7 +84,6 @@ class Line(_Series):
     y: Array
     _: KW_ONLY
     colour: str | None = None
-    dashed: bool = False
     faint: bool = False
     type: ClassVar[str] = "line"
     of: ClassVar[tuple[str, ...]] = ("x", "y")
@@ -210,8 +209,8 @@ def _series_content(one: Series, colour: str, step: int, arrays: Arrays) -> dict
         kept["width"] = kept.pop("high") - kept["low"]
     rough = isinstance(one, Band) or (isinstance(one, Line) and one.faint)
     content |= {name: arrays.add(values, COARSE if rough and name != "x" else FINE) for name, values in kept.items()}
-    if isinstance(one, Line):
-        content |= {name: True for name in ("dashed", "faint") if getattr(one, name)}
+    if isinstance(one, Line) and one.faint:
+        content["faint"] = True
     if isinstance(one, Dots) and one.labels:
         content["labels"] = list(one.labels)[::step]
     return content

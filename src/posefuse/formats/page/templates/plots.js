@@ -34,7 +34,7 @@
     if (one.faint)
       return [{ ...shared, showlegend: false, mode: "lines", x, y: arrays[one.y], line: { color: faded(ink, 0.28), width: 0.8 }, hoverinfo: "skip" }];
     if (one.type === "line")
-      return [{ ...shared, mode: "lines", x, y: arrays[one.y], line: { color: ink, width: 1.8, dash: one.dashed ? "dash" : "solid" } }];
+      return [{ ...shared, mode: "lines", x, y: arrays[one.y], line: { color: ink, width: 1.8 } }];
     if (one.type === "band") {
       const [bx, by] = polygons(x, arrays[one.low], arrays[one.high]);
       return [{ ...shared, showlegend: false, mode: "lines", x: bx, y: by, fill: "toself", fillcolor: faded(ink, 0.17), line: { width: 0 }, hoverinfo: "skip" }];
