@@ -90,21 +90,17 @@ def output_configs(
         ConfigError: no such output, or options it does not take.
         InputError: a file to write that exists already, or whose name makes it a part of one that does.
     """
-    chosen: dict[str, dict[str, Any]] = {name: dict(options) for name, options in config.outputs.items()}
-    for name, options in outputs.items():
-        chosen[name] = {**chosen.get(name, {}), **options}
+    chosen: dict[str, dict[str, Any]] = {}
+    for name in {**config.outputs, **outputs}:
+        stated = {key: value for key, value in config.outputs.get(name, {}).items() if key not in given}
+        chosen[name] = {**stated, **outputs.get(name, {})}
     for name, key in (("record", "path"), ("rerun", "file")):
         if path := chosen.get(name, {}).get(key):
             check_first_part(Path(path), option=name)
             if key in outputs.get(name, {}):
                 # relative to here; one of a settings file stays as it is
                 chosen[name][key] = Path(path).absolute()
-    return {
-        name: plugin_config(
-            "live_outputs", name, one, given={key: value for key, value in given.items() if key not in outputs.get(name, {})}
-        )
-        for name, one in chosen.items()
-    }
+    return {name: plugin_config("live_outputs", name, one, known=given) for name, one in chosen.items()}
 
 
 @dataclass(frozen=True, kw_only=True)
