@@ -175,10 +175,10 @@ def test_printed_headings_stay_with_their_text_tables_stay_whole_and_pages_are_n
 
 
 def test_windows_zero_and_equal_axes_reach_the_script(read_page, tmp_path):
-    plots = [axes(Line("l", X, GAP), window=(0, 2, 0, 10)), axes(Line("l", X, GAP), from_zero=True, equal=True, wide=True)]
+    plots = [axes(Line("l", X, GAP), window=(0, 2, 0, 10)), axes(Line("l", X, GAP), from_zero=True, equal=True)]
     first, second = shown(read_page, tmp_path, Plots(plots)).data["plots"]
     assert first["ranges"] == [[0, 2], [0, 10]] and not first["legend"]
-    assert second["ranges"][1][0] == 0 and second["equal"] and second["wide"]
+    assert second["ranges"][1][0] == 0 and second["equal"]
 
 
 def test_the_player_keeps_positions_to_a_millimetre(read_page, tmp_path):

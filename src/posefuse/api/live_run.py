@@ -345,6 +345,5 @@ def latency_page(done: Finished, figures: Mapping[str, Any]) -> Page:
         mean_ms = figures["latency"]["cameras_ms"][name]["total"]["mean"]
         said = f"mean {mean_ms:.1f} ms, highest {own[:, 1].max():.1f} ms" if len(own) else "no view"
         spikes = Spikes("latency", own[:, 0], np.zeros(len(own)), own[:, 1])
-        about = f"{name}: {said}"
-        plots.append(Plot(about, [spikes], x_label="s of the session", y_label="ms", window=window, wide=True, legend=False))
+        plots.append(Plot(f"{name}: {said}", [spikes], x_label="s of the session", y_label="ms", window=window, legend=False))
     return Page(title, [Heading("One spike per view", text), Plots(plots)])

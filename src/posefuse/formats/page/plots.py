@@ -149,7 +149,7 @@ class Plot:
 
     Attributes:
         x_label, y_label: what the axes show, with units. equal: one scale on both axes; from_zero: y begins at 0.
-        wide: over all columns of `Plots`. window: x least and greatest, y least and greatest, where plots are compared.
+        window: x least and greatest, y least and greatest, where plots are compared.
         legend: name the series above the plot, if there are several.
     """
 
@@ -160,7 +160,6 @@ class Plot:
     y_label: str
     equal: bool = False
     from_zero: bool = False
-    wide: bool = False
     window: tuple[float, float, float, float] | None = None
     legend: bool = True
 
@@ -183,7 +182,6 @@ def plot_content(plot: Plot, arrays: Arrays) -> dict[str, Any]:
         "x": plot.x_label + (f" (every {step}th point drawn)" if step > 1 else ""),
         "y": plot.y_label,
         "equal": plot.equal,
-        "wide": plot.wide,
         "legend": plot.legend and sum(map(_in_legend, plot.series)) > 1,
         "ranges": _ranges(plot),
         "series": [_series_content(one, colour, step, arrays) for one, colour in zip(plot.series, _colours(plot), strict=True)],

@@ -125,10 +125,9 @@
   dark.addEventListener("change", () => figures.filter(figure => figure.classList.contains("drawn")).forEach(figure => draw(figure)));
 
   // on paper every plot is there, as wide as a column of an A4 page, in the colours of print
-  const columns = { wide: 660, half: 322 };
   const printed = () => figures.forEach(figure => {
     draw(figure, true);
-    Plotly.relayout(figure.querySelector(".axes"), { width: columns[figure.classList.contains("wide") ? "wide" : "half"], autosize: false });
+    Plotly.relayout(figure.querySelector(".axes"), { width: 322, autosize: false });
   });
   const onScreen = () => figures.forEach(figure => { draw(figure); Plotly.relayout(figure.querySelector(".axes"), { width: null, autosize: true }); });
   addEventListener("beforeprint", printed);
