@@ -219,7 +219,8 @@ def _make_parents(path: Path, target: Path) -> list[Path]:
     """Make the folders that `target` lies in; returns those made, innermost first."""
     missing = [folder for folder in target.parents if not folder.exists()]
     try:
-        target.parent.mkdir(parents=True, exist_ok=True)
+        if missing:
+            target.parent.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         _remove_empty(missing)
         raise InputError(f"{path}: no folder can be made there ({error.strerror})") from None
