@@ -6,7 +6,7 @@ import json
 import math
 import warnings
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any, Literal
 
@@ -25,6 +25,7 @@ from posefuse.foundation.summary import MISSING, Block, Facts, Heading, Note, Ta
 from posefuse.health.camera_monitor import Event
 from posefuse.pipeline.config import read_changed
 from posefuse.realtime.config import LiveConfig, RunOptions
+from posefuse.realtime.fusion_loop import Fusion
 from posefuse.realtime.inputs import check_ros_is_used, inputs_from_arguments, rig_of_inputs, shown_again
 from posefuse.realtime.latency import STAGES
 from posefuse.realtime.messages import LivePlan
@@ -206,6 +207,12 @@ def _check_videos(folder: Path, record: Path | None) -> None:
         raise InputError(f"`record={record}`: is, or lies in, the folder of `videos=DIR`; choose another place for one of them")
 
 
+def _lengths(fusion: Fusion) -> dict[int, dict[str, dict[str, float]]]:
+    """By person and segment, what the whole-body fit learnt; nothing where it is off."""
+    people = {} if fusion.estimator.bodies is None else fusion.estimator.bodies.lengths
+    return {person: {name: asdict(length) for name, length in lengths.items()} for person, lengths in people.items()}
+
+
 def live_figures(done: Finished) -> dict[str, Any]:
     """Everything as plain values."""
     fusion, outputs = done.fusion, done.fusion.outlets.figures()
@@ -237,6 +244,7 @@ def live_figures(done: Finished) -> dict[str, Any]:
         "poses_per_s": fusion.latencies.rate_hz,
         "joint_centres": fusion.estimator.centring.made_by,
         "noise_scale": fusion.noise_scale,
+        "segment_lengths": _lengths(fusion),
         "used_share": sum(fusion.used.values()) / captured if captured else float("nan"),
         # a session that is stopped while it starts has not begun
         "cpu_fusion_share": done.cpu_s[0] / done.seconds if done.seconds > 0 else float("nan"),

@@ -19,7 +19,7 @@ from posefuse.core.arrays import Array
 from posefuse.core.poses import worst_sigma_m
 from posefuse.fusion import fuse
 from posefuse.kinematics import JointTracker
-from posefuse.kinematics.body import FEWEST_SEEN, LIVE_BODY, LiveBody, LiveBodyRules, LiveRays, TrackedPoints
+from posefuse.kinematics.body import FEWEST_SEEN, LIVE_BODY, Length, LiveBody, LiveBodyRules, LiveRays, TrackedPoints
 from posefuse.kinematics.joints import FrameBuffers
 from posefuse.tracking import LearntLengths, at_joint_centres, usual_lengths
 from posefuse.tracking.online import MOTION, CameraStatistics, Evidence, LiveMotion, LiveSettings, Model, Tracker
@@ -271,6 +271,13 @@ class LiveSkeletons:
                 xyz[n] = fitted
             cov[n] *= body.disagreement[:, None, None]
         return replace(pose, xyz_world=xyz, cov_world=cov)
+
+    @property
+    def lengths(self) -> Mapping[int, Mapping[str, Length]]:
+        """By person, the segment lengths learnt so far."""
+        return {
+            person: body.learnt.body.lengths for person, body in self._people.items() if body.learnt.body is not None
+        }  # fmt: skip
 
     def _new(self) -> LiveBody:
         return LiveBody(self._skeleton, self._config.whole_body, self._rules, self._prior, self._work)

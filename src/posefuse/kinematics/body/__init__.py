@@ -9,7 +9,7 @@ if TYPE_CHECKING:
 
     from .fit import BodyFit, fit_poses, fit_views
     from .live import LiveBody, LiveRays, TrackedPoints
-    from .model import FEWEST_SEEN, BodyModel, bodies_from_poses
+    from .model import FEWEST_SEEN, BodyModel, Length, bodies_from_poses
     from .shape import LengthPrior, with_solved_lengths
 
 __getattr__ = lazy_names(__name__, __file__)
