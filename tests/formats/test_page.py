@@ -72,7 +72,7 @@ def test_numbers_are_kept_to_a_fraction_of_their_range(parts, values):
 
 
 def test_every_kind_of_series_arrives_as_it_was_given(read_page, tmp_path):
-    lines = [Line("line", X, GAP, colour="left", dashed=True), Band("band", X, GAP - 1, GAP + 1)]
+    lines = [Line("line", X, GAP, colour="left"), Band("band", X, GAP - 1, GAP + 1)]
     dots = Dots("dots", X, GAP, labels=list("abcdefg"))
     series = [*lines, dots, Spikes("spikes", X, GAP * 0, GAP), Ticks("ticks", X[:2], colour="right")]
     plot = shown(read_page, tmp_path, Plots([axes(*series)])).plot("p")
@@ -80,7 +80,7 @@ def test_every_kind_of_series_arrives_as_it_was_given(read_page, tmp_path):
         assert (one["type"], one["name"]) == (given_one.type, given_one.name)
         for name in given_one.of:
             np.testing.assert_allclose(one[name], getattr(given_one, name), atol=2e-3 if given_one.type == "band" else 3e-4)
-    assert plot["series"][0]["colour"] == "left" and plot["series"][0]["dashed"]
+    assert plot["series"][0]["colour"] == "left"
     assert plot["series"][1]["colour"] == "c0" and plot["series"][2]["colour"] == "c1"
     assert plot["series"][2]["labels"] == list("abcdefg")
     assert plot["legend"]
@@ -180,10 +180,10 @@ def test_printed_headings_stay_with_their_text_tables_stay_whole_and_pages_are_n
 
 
 def test_windows_zero_and_equal_axes_reach_the_script(read_page, tmp_path):
-    plots = [axes(Line("l", X, GAP), window=(0, 2, 0, 10)), axes(Line("l", X, GAP), from_zero=True, equal=True, wide=True)]
+    plots = [axes(Line("l", X, GAP), window=(0, 2, 0, 10)), axes(Line("l", X, GAP), from_zero=True, equal=True)]
     first, second = shown(read_page, tmp_path, Plots(plots)).data["plots"]
     assert first["ranges"] == [[0, 2], [0, 10]] and not first["legend"]
-    assert second["ranges"][1][0] == 0 and second["equal"] and second["wide"]
+    assert second["ranges"][1][0] == 0 and second["equal"]
 
 
 def test_the_player_keeps_positions_to_a_millimetre(read_page, tmp_path):

@@ -179,11 +179,9 @@ def test_the_page_draws_one_spike_per_view_on_one_scale(tmp_path, read_page) -> 
     plots = read_page(reported(latencies, tmp_path)).data["plots"]
     assert [plot["title"][-16:] for plot in plots] == ["highest 900.0 ms", "highest 900.0 ms", "silent: no view"[-16:]]
     for plot in plots[:2]:
-        usual, high = plot["series"][:2]
-        assert (len(usual["high"]), len(high["high"])) == (99, 1)
-        np.testing.assert_allclose(usual["x"], np.delete(np.arange(100), 50) * PERIOD_NS / 1e9, atol=1e-3)
-        assert high["colour"] == "bad" and high["high"][0] == 900 and plot["ranges"][1] == [0, 60]
-        np.testing.assert_allclose(plot["series"][2]["y"], 38.7, atol=0.01)
+        [spikes] = plot["series"]
+        np.testing.assert_allclose(spikes["x"], np.arange(100) * PERIOD_NS / 1e9, atol=1e-3)
+        assert spikes["high"][50] == 900 and plot["ranges"][1] == [0, 60]
 
 
 def test_a_session_without_views_has_a_page(tmp_path, read_page) -> None:

@@ -52,11 +52,12 @@ from posefuse.pipeline.calibration import (
     person_in_session,
     solve_person,
 )
-from posefuse.pipeline.config import CONFIG_FILE, changed_config, read_config
+from posefuse.pipeline.config import CONFIG_FILE, read_config
 
 from .arguments import checked, lines_of, shown
 from .calibration_results import ClockCalibration, IntrinsicsCalibration, RigCalibration, RigVerification, saved_clocks
 from .rig_and_detector import rig_of
+from .track import session_config
 
 ClockMode = Literal["auto", "together", "offset", "drift"]
 RigLike = core.Rig | str | Path
@@ -290,7 +291,7 @@ def calibrate_person(
     chosen = core.Rig(tuple(lenses[name] for name in paths))
     length = _known_length(height_m, camera_distance, chosen)
     cameras = tuple(replace(camera, cam_from_world=SE3.identity()) for camera in chosen)
-    config = changed_config(read_config(None), dict(settings or {}))
+    config = read_config(None, settings or {})
 
     def solve(report: Progress) -> RigCalibration:
         seen = find_person(
@@ -340,11 +341,9 @@ def calibrate_clocks(
         >>> found = pf.calibrate_clocks("SESSION")  # doctest: +SKIP
         >>> found.clocks.offset_s  # seconds that each camera's times are late  # doctest: +SKIP
     """
-    folder = Path(session)
-    path = folder / CONFIG_FILE
-    given = {"rig": None if rig is None else str(Path(rig).absolute()), "rate_hz": rate_hz}
+    given = {"rig": rig, "rate_hz": rate_hz}
     changes = {key: value for key, value in given.items() if value is not None} | dict(settings or {})
-    config = changed_config(read_config(path if path.is_file() else None), changes)
+    config = session_config(folder := Path(session), None, changes)
     with shown(progress) as report:
         seen = person_in_session(folder, config, seconds, report)
         found = after(seen.background, lambda: clocks_from_person(seen.rig, seen.tracks, max_offset_s, drift))

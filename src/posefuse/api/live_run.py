@@ -14,8 +14,7 @@ import numpy as np
 
 from posefuse import __version__, core
 from posefuse.core import ConfigError, InputError, LiveOutputConfig, Progress
-from posefuse.core.arrays import Array
-from posefuse.formats.page import Line, Page, Plot, Plots, Series, Spikes, write_page
+from posefuse.formats.page import Page, Plot, Plots, Spikes, write_page
 from posefuse.formats.rig import rig_warnings
 from posefuse.foundation.output_file import check_first_part, real_path
 from posefuse.foundation.output_folder import check_replaceable, output_folder
@@ -91,21 +90,17 @@ def output_configs(
         ConfigError: no such output, or options it does not take.
         InputError: a file to write that exists already, or whose name makes it a part of one that does.
     """
-    chosen: dict[str, dict[str, Any]] = {name: dict(options) for name, options in config.outputs.items()}
-    for name, options in outputs.items():
-        chosen[name] = {**chosen.get(name, {}), **options}
+    chosen: dict[str, dict[str, Any]] = {}
+    for name in {**config.outputs, **outputs}:
+        stated = {key: value for key, value in config.outputs.get(name, {}).items() if key not in given}
+        chosen[name] = {**stated, **outputs.get(name, {})}
     for name, key in (("record", "path"), ("rerun", "file")):
         if path := chosen.get(name, {}).get(key):
             check_first_part(Path(path), option=name)
             if key in outputs.get(name, {}):
                 # relative to here; one of a settings file stays as it is
                 chosen[name][key] = Path(path).absolute()
-    return {
-        name: plugin_config(
-            "live_outputs", name, one, given={key: value for key, value in given.items() if key not in outputs.get(name, {})}
-        )
-        for name, one in chosen.items()
-    }
+    return {name: plugin_config("live_outputs", name, one, known=given) for name, one in chosen.items()}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -341,7 +336,7 @@ def write_latency_report(folder: Path, done: Finished, figures: Mapping[str, Any
 
 
 def latency_page(done: Finished, figures: Mapping[str, Any]) -> Page:
-    """One spike per view, as high as its latency, over the session; the dashed line is the camera's mean."""
+    """One spike per view, as high as its latency, over the session."""
     views = [(way.camera, (way.exposed_ns - done.zero_ns) / 1e9, (out_ns - way.exposed_ns) / 1e6)
              for way, out_ns in done.fusion.latencies.newest]  # fmt: skip
     title = "Latency from exposure to output"
@@ -351,27 +346,12 @@ def latency_page(done: Finished, figures: Mapping[str, Any]) -> Page:
     # one scale for all cameras, which a single late view does not flatten
     top_ms = _TOP_OF_P95 * float(np.percentile([ms for _, _, ms in views], 95))
     window = (float(t_s.min()), max(float(t_s.max()), float(t_s.min()) + 1e-3), 0.0, top_ms)
-    text = (
-        f"One spike per view, the newest {len(views)} of all cameras; dashed: the camera's mean over the whole session; "
-        "red: higher than drawn, zoom out to see all of it."
-    )
+    text = f"One spike per view, the newest {len(views)} of all cameras; zoom out to see those that are higher than drawn."
     plots = []
     for name in done.fusion.rig.names:
         own = np.array([(t, ms) for camera, t, ms in views if camera == name]).reshape(-1, 2)
         mean_ms = figures["latency"]["cameras_ms"][name]["total"]["mean"]
         said = f"mean {mean_ms:.1f} ms, highest {own[:, 1].max():.1f} ms" if len(own) else "no view"
-        plots.append(_spike_plot(f"{name}: {said}", own, mean_ms, window))
+        spikes = Spikes("latency", own[:, 0], np.zeros(len(own)), own[:, 1])
+        plots.append(Plot(f"{name}: {said}", [spikes], x_label="s of the session", y_label="ms", window=window, legend=False))
     return Page(title, [Heading("One spike per view", text), Plots(plots)])
-
-
-def _spike_plot(title: str, views: Array, mean_ms: float, window: tuple[float, float, float, float]) -> Plot:
-    """Views (n, 2) of a camera: seconds and milliseconds."""
-    high = views[:, 1] > window[3]
-    zero = np.zeros(len(views))
-    series: list[Series] = [
-        Spikes(name, views[chosen, 0], zero[chosen], views[chosen, 1], colour=colour)
-        for name, chosen, colour in (("latency", np.invert(high), "c0"), ("higher than drawn", high, "bad"))
-    ]
-    if len(views):
-        series.append(Line("mean", np.array(window[:2]), np.full(2, mean_ms), colour="ink", dashed=True))
-    return Plot(title, series, x_label="s of the session", y_label="ms", window=window, wide=True, legend=False)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -58,33 +58,36 @@ def _tracked_figures(out: Path | None, tracked: Tracked, errors: JointErrors | N
     time_steps = len(recording.poses)
     start_up_s = sum(clock.seconds.get(stage, 0.0) for stage in _START_UP)
     figures: dict[str, Any] = {
-        "cameras": len(recording.rig),
-        "time_steps": time_steps,
-        "images": recording.observations.image_count,
-        "people": len(recording.poses.person_id),
-        "seconds": clock.total_s,
+        **_of_both(out, recording, tracked.files, tracked.failed, clock.total_s),
         "start_up_s": start_up_s,
         "time_steps_per_s": time_steps / (clock.total_s - start_up_s),
         "stage_ms_per_time_step": {
             name: 1000 * seconds / time_steps for name, seconds in clock.seconds.items() if name not in _START_UP
         },
-        "stage_share": {name: seconds / clock.total_s for name, seconds in clock.seconds.items()},
         "detect_ms_per_image": 1000 * clock.seconds.get("detect", 0.0) / recording.observations.image_count,
         "camera_fits": recording.provenance["camera_fits"],
         "rig_warnings": recording.provenance["rig_warnings"],
         "interrupted": tracked.interrupted,
-        "failed": dict(tracked.failed),
         "exit_code": int(bool(tracked.failed or recording.provenance["rig_warnings"])),
-        "out": out,
-        "files": [path.name for path in tracked.files],
     }
-    if errors:
-        figures["mpjpe_mm"] = errors.mpjpe_mm
-        figures["joint_mm"] = {
-            joint: {"mean": errors.mean_mm[i], "sd": errors.sd_mm[i], "p95": errors.p95_mm[i], "found": errors.found[i]}
-            for i, joint in enumerate(errors.joints)
-        }
-    return figures
+    return figures | ({"mpjpe_mm": errors.mpjpe_mm} if errors else {})
+
+
+def _of_both(
+    out: Path | None, recording: Recording, files: Sequence[Path], failed: Mapping[str, str], seconds: float
+) -> dict[str, Any]:
+    """What is stated alike of a session that was tracked and of a recording that was solved again."""
+    return {
+        "cameras": len(recording.rig),
+        "time_steps": len(recording.poses),
+        "images": recording.observations.image_count,
+        "people": len(recording.poses.person_id),
+        "seconds": seconds,
+        "failed": dict(failed),
+        "exit_code": int(bool(failed)),
+        "out": out,
+        "files": [path.name for path in files],
+    }
 
 
 def _tracked_summary(figures: Mapping[str, Any], errors: JointErrors | None) -> tuple[Block, ...]:
@@ -107,27 +110,10 @@ def _tracked_summary(figures: Mapping[str, Any], errors: JointErrors | None) -> 
 
 
 def solved_outcome(
-    out: Path,
-    earlier: Recording,
-    recording: Recording,
-    files: list[Path],
-    failed: Mapping[str, str],
-    seconds: float,
-    excluded: int,
+    out: Path, recording: Recording, *, files: Sequence[Path], failed: Mapping[str, str], seconds: float, excluded: int
 ) -> RunOutcome:
     """Of a recording that was solved again with `excluded` stretches left out."""
-    figures = {
-        "cameras": len(recording.rig),
-        "images": earlier.observations.image_count,
-        "time_steps": len(recording.poses),
-        "people": len(recording.poses.person_id),
-        "exclusions": excluded,
-        "seconds": seconds,
-        "out": out,
-        "files": [path.name for path in files],
-        "failed": dict(failed),
-        "exit_code": int(bool(failed)),
-    }
+    figures = {**_of_both(out, recording, files, failed, seconds), "exclusions": excluded}
     facts = {
         "from": f"{figures['images']} images of {figures['cameras']} cameras",
         "time steps": str(figures["time_steps"]),

@@ -191,8 +191,7 @@ def solve(
         >>> again = pf.solve("RESULT", "SECOND", exclude=[blocked])  # doctest: +SKIP
     """
     from posefuse.foundation.compiled import compiling
-    from posefuse.foundation.output_file import check_outside_inputs
-    from posefuse.foundation.output_folder import check_replaceable, output_folder
+    from posefuse.foundation.output_folder import output_folder
     from posefuse.outputs.rerun import check_viewer
     from posefuse.pipeline.reading import files_of_result, read_result
     from posefuse.pipeline.solve import REFINED, solve_again
@@ -203,25 +202,22 @@ def solve(
     if view:
         check_viewer()
     began_s, inputs = time.perf_counter(), files_of_result(path)
-    check_outside_inputs(place, inputs)
-    check_replaceable(place, command="track", replace=replace)
-    earlier = read_result(path, start_s=changes.get("start_s"), end_s=changes.get("end_s"))
-    session = None if earlier.is_live else nearby_session(earlier, path)
-    chosen = _solve_config(earlier, config, changes, images=session is not None)
-    # an hour of them takes much memory, and only observations are solved again
-    earlier = dataclasses.replace(earlier, poses=earlier.poses.people(np.zeros(0, np.intp)))
-    with shown(progress) as report:
-        note = lines_of(report, "solve")
+    with shown(progress) as report, output_folder(place, command="track", inputs=inputs, replace=replace) as folder:
+        earlier, note = read_result(path, start_s=changes.get("start_s"), end_s=changes.get("end_s")), lines_of(report, "solve")
+        session = None if earlier.is_live else nearby_session(earlier, path)
+        chosen = _solve_config(earlier, config, changes, images=session is not None)
+        # an hour of them takes much memory, and only observations are solved again
+        earlier = dataclasses.replace(earlier, poses=earlier.poses.people(np.zeros(0, np.intp)))
         used = _edits(path, earlier, edits, exclude, keep_person, note)
         sinks = build_sinks(chosen.outputs, earlier.poses.skeleton)
-        with output_folder(place, command="track", inputs=inputs, replace=replace) as folder, compiling("tracking", note):
+        with compiling("tracking", note):
             recording = solve_again(earlier, chosen, used)
-            if REFINED in recording.provenance:
-                note(refined_line(recording.provenance[REFINED]))
-            files, failed = write_result(recording, session, sinks, folder, report)
+        if REFINED in recording.provenance:
+            note(refined_line(recording.provenance[REFINED]))
+        files, failed = write_result(recording, session, sinks, folder, report)
     warn_of_failures(failed)
     excluded, seconds = len(used.exclusions), time.perf_counter() - began_s
-    outcome = solved_outcome(place, earlier, recording, files=files, failed=failed, seconds=seconds, excluded=excluded)
+    outcome = solved_outcome(place, recording, files=files, failed=failed, seconds=seconds, excluded=excluded)
     made = recording_of(recording, path=place, outcome=outcome)
     if view:
         made.view()

@@ -98,9 +98,8 @@ def typical_nees(estimate: PoseSequence, truth: Truth, joints: Sequence[str]) ->
 
 def true_xyz_at(truth: Truth, t_ns: Array) -> Array:
     """(T, N, K, 3) truth at other times (T,) within its own, interpolated linearly."""
-    later = (
-        np.clip(np.searchsorted(truth.t_ns, t_ns), 1, len(truth.t_ns) - 1) if len(truth.t_ns) > 1 else np.zeros(len(t_ns), int)
-    )
+    last = len(truth.t_ns) - 1
+    later = np.searchsorted(truth.t_ns, t_ns).clip(min(1, last), last)
     earlier = np.maximum(later - 1, 0)
     span = np.maximum(truth.t_ns[later] - truth.t_ns[earlier], 1)
     share = ((t_ns - truth.t_ns[earlier]) / span)[:, None, None, None]
@@ -124,20 +123,15 @@ def drift(path_m: Array, other_m: Array) -> tuple[Array, Array, float]:
 
 def _paired_distance_m(got: Array, wanted: Array) -> Array:
     """(T, N_true, K) distances, each true person paired with its nearest estimated one; NaN where there is none."""
-    n_got, n_true = got.shape[1], wanted.shape[1]
     all_pairs = np.linalg.norm(got[:, :, None] - wanted[:, None], axis=-1)
-    with np.errstate(all="ignore"):
-        cost = np.array([[_mean(all_pairs[:, i, j]) for j in range(n_true)] for i in range(n_got)]).reshape(n_got, n_true)
-    distance = np.full((got.shape[0], n_true, got.shape[2]), np.nan)
-    for _ in range(min(n_got, n_true)):
+    known = np.isfinite(all_pairs)
+    with np.errstate(invalid="ignore"):
+        cost = np.where(known, all_pairs, 0.0).sum(axis=(0, 3)) / known.sum(axis=(0, 3))
+    distance = np.full((len(got), *wanted.shape[1:3]), np.nan)
+    for _ in range(min(cost.shape)):
         if not np.isfinite(cost).any():
             break
         i, j = np.unravel_index(np.nanargmin(cost), cost.shape)
         distance[:, j] = all_pairs[:, i, j]
         cost[i, :] = cost[:, j] = np.nan
     return distance
-
-
-def _mean(values: Array) -> float:
-    finite = values[np.isfinite(values)]
-    return float(finite.mean()) if len(finite) else float("nan")

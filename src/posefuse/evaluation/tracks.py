@@ -13,7 +13,6 @@ from posefuse.core import InputError, PoseSequence
 from posefuse.core.arrays import Array, known_median
 from posefuse.formats.c3d import C3dData, read_c3d
 from posefuse.formats.named_points import NamedPoints, read_mvnx, read_points_csv
-from posefuse.formats.recording import read_recording
 from posefuse.formats.trc import read_trc
 from posefuse.formats.truth import read_loop, read_truth
 
@@ -27,15 +26,13 @@ _LONGEST_S = 21_600.0
 
 
 def read_tracks(path: Path, person: int | None = None) -> Tracks:
-    """Named points of one person (default: the one seen longest) from a file or result folder.
+    """Named points of one person (of several, default: the one seen longest) from a file of any system.
 
     Raises:
         InputError: no such file, a kind that is not read, or no such person.
     """
     if not path.exists():
         raise InputError(f"{path}: no such file or folder")
-    if path.is_dir():
-        return tracks_of(read_recording(path, observed=False).poses, path, person)
     readers: dict[str, Callable[[Path], NamedPoints | C3dData]] = {
         ".trc": read_trc,
         ".c3d": read_c3d,

@@ -218,15 +218,13 @@ def growing_folder(path: Path, *, command: str, names: Iterable[str]) -> Path:
 def _make_parents(path: Path, target: Path) -> list[Path]:
     """Make the folders that `target` lies in; returns those made, innermost first."""
     missing = [folder for folder in target.parents if not folder.exists()]
-    made: list[Path] = []
     try:
-        for folder in reversed(missing):
-            folder.mkdir()
-            made.insert(0, folder)
+        if missing:
+            target.parent.mkdir(parents=True, exist_ok=True)
     except OSError as error:
-        _remove_empty(made)
+        _remove_empty(missing)
         raise InputError(f"{path}: no folder can be made there ({error.strerror})") from None
-    return made
+    return missing
 
 
 def _new_staging(path: Path, target: Path, command: str) -> Path:
@@ -250,9 +248,9 @@ def _holds_work(staging: Path) -> bool:
 
 
 def _remove_empty(folders: Sequence[Path]) -> None:
-    # not empty: something else was put there meanwhile, and it stays
-    with suppress(OSError):
-        for folder in folders:
+    for folder in folders:
+        # not empty: something else was put there meanwhile, and it stays
+        with suppress(OSError):
             folder.rmdir()
 
 

@@ -61,18 +61,11 @@ def build_plugin(kind: str, name: str, options: Mapping[str, Any], known: Mappin
     return built
 
 
-def plugin_config(
-    kind: str,
-    name: str,
-    options: Mapping[str, Any],
-    known: Mapping[str, Any] | None = None,
-    given: Mapping[str, Any] | None = None,
-) -> Any:
+def plugin_config(kind: str, name: str, options: Mapping[str, Any], known: Mapping[str, Any] | None = None) -> Any:
     """The config of plug-in `name`, made from `options`.
 
     Args:
         known: facts of the session by option name; a plug-in that has such an option gets it, unless `options` have it.
-        given: options of the command line by option name; a plug-in that has such an option gets it, whatever `options` have.
 
     Raises:
         ConfigError: no such plug-in, or options it does not take.
@@ -86,9 +79,8 @@ def plugin_config(
     plugin = _loaded(kind, entries[name])
     if plugin.config is None:
         raise DependencyError(f"plug-in {name} ({plugin.package}) cannot be imported: {plugin.reason}")
-    names = option_names(plugin)
-    below, above = ({key: value for key, value in (one or {}).items() if key in names} for one in (known, given))
-    config = settings_from_mapping({**below, **options, **above}, plugin.config, where=f"{kind} {name}")
+    usual = {key: value for key, value in (known or {}).items() if key in option_names(plugin)}
+    config = settings_from_mapping({**usual, **options}, plugin.config, where=f"{kind} {name}")
     if kind == "live_outputs":
         _check_members(kind, name, config)
     return config

@@ -46,7 +46,12 @@ class _ByName:
     def __get_pydantic_core_schema__(self, source: Any, handler: Callable[[Any], Any]) -> Any:
         from pydantic_core import core_schema
 
-        return core_schema.no_info_before_validator_function(options_by_name, handler(source))
+        def by_name(outputs: Any) -> Any:
+            if isinstance(outputs, str):
+                raise ValueError('expected names, such as ["trc", "csv"], or a table of them')
+            return options_by_name(outputs)
+
+        return core_schema.no_info_before_validator_function(by_name, handler(source))
 
 
 Outputs = Annotated[dict[str, dict[str, Any]], _ByName()]

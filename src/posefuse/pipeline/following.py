@@ -41,13 +41,15 @@ _MOST_BLIND, _IN_IMAGE = 2, 0.7
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class _Seen:
-    """The result of one look. Ids are tracks; `PeopleFollower.people_of` gives their people.
+class Followed:
+    """The result of one time step, of the look that the people are taken from. Ids are tracks; `PeopleFollower.people_of` gives
+    their people.
 
     Attributes:
-        batch: what the detector found. person_ids: per entry of it, the person of each detection.
+        batch: what the detector found in it. person_ids: per entry of it, the person of each detection.
         views: the tracks in every camera, each at its own exposure time. pose: the fused pose.
         clothing: (N, 9) of the people of `pose`. hints: for the next look.
+        batches: every look of the time step, in order, once all are taken.
     """
 
     batch: DetectionBatch
@@ -56,17 +58,7 @@ class _Seen:
     pose: Pose3D
     clothing: Array
     hints: Hints
-
-
-@dataclass(frozen=True, eq=False, kw_only=True)
-class Followed(_Seen):
-    """The result of one time step: of the look that the people are taken from.
-
-    Attributes:
-        batches: every look that the detector took, in order.
-    """
-
-    batches: tuple[DetectionBatch, ...]
+    batches: tuple[DetectionBatch, ...] = ()
 
 
 class PeopleFollower:
@@ -129,9 +121,9 @@ class PeopleFollower:
         self._identity = self._identity.after(seen.pose, seen.clothing)
         self._hints = seen.hints
         self._next_id = max([self._next_id, *(seen.pose.person_id + 1).tolist()])
-        return Followed(batches=tuple(self._batches), **vars(seen))
+        return replace(seen, batches=tuple(self._batches))
 
-    def _search(self, i: int, step: TimeStep) -> _Seen:
+    def _search(self, i: int, step: TimeStep) -> Followed:
         """Look for people in whole images, then where a view missed one that others saw.
 
         The second look shows which newcomers are reflections that two views see. Crowds are followed as well without it (IDF1
@@ -146,7 +138,7 @@ class PeopleFollower:
         better = second if ghosts or _people(second.pose) >= _people(seen.pose) else seen
         return _without(better, ghosts) if ghosts else better
 
-    def _is_ghost(self, seen: _Seen, person: int) -> bool:
+    def _is_ghost(self, seen: Followed, person: int) -> bool:
         """Whether most views that searched at the newcomer's place see no person there: two views alone made it up."""
         row = int(np.flatnonzero(seen.pose.person_id == person)[0])
         in_view = (np.nan_to_num(seen.views.score[row]) > 0).any(axis=1)
@@ -154,7 +146,7 @@ class PeopleFollower:
         should = [_in_image(camera, xyz) for camera in self.rig]
         return int(in_view.sum()) <= 2 and int((np.array(should) & ~in_view).sum()) > _MOST_BLIND
 
-    def _see(self, i: int, step: TimeStep, kind: LookKind, expected: Pose3D | None, memory: Memory) -> _Seen:
+    def _see(self, i: int, step: TimeStep, kind: LookKind, expected: Pose3D | None, memory: Memory) -> Followed:
         with self._clock.stage("detect"):
             batch = DetectionBatch(step=i, t_ns=step.t_ns, kind=kind, detections=step.look(kind, expected))
         self._batches.append(batch)
@@ -181,7 +173,7 @@ class PeopleFollower:
         person_ids = tuple(assignment.people_of(place[one.camera], len(one)) for one in batch.detections)
         clothing = clothing_traits(assignment, detections)
         hints = hints_after(self._hints, assignment, detections)
-        return _Seen(batch=batch, person_ids=person_ids, views=views, pose=pose, clothing=clothing, hints=hints)
+        return Followed(batch=batch, person_ids=person_ids, views=views, pose=pose, clothing=clothing, hints=hints)
 
 
 class FollowedLog:
@@ -231,7 +223,7 @@ def _in_image(camera: Camera, xyz_world: Array) -> bool:
     return bool(len(known)) and bool(camera.sees(known).mean() > _IN_IMAGE)
 
 
-def _without(seen: _Seen, people: set[int]) -> _Seen:
+def _without(seen: Followed, people: set[int]) -> Followed:
     """The same look; detections of these people belong to no person."""
     keep = ~np.isin(seen.views.person_id, list(people))
     ids = tuple(np.where(np.isin(one, list(people)), NOT_KEPT, one) for one in seen.person_ids)

@@ -10,8 +10,6 @@ import numpy as np
 
 from posefuse.core import Detections2D, Detector, Frame, LookKind, Observations, Pose3D, Region, Rig, Source, SourceError
 from posefuse.core.arrays import Array
-from posefuse.core.duplicate_share import DUPLICATE_SHARE
-from posefuse.core.duplicates import duplicates
 from posefuse.detection import region_from_pose, with_clothing, with_depth
 from posefuse.sources import CountedSource, FramesAhead, FrameSet, RecordedSource, frame_sets, incomplete_cameras
 
@@ -137,33 +135,22 @@ class StoredStep:
         return int(self.observations.step_t_ns[self.step])
 
     def look(self, kind: LookKind, expected: Pose3D | None) -> tuple[Detections2D, ...]:
-        """The stored answer to this look; where the detector did not look so, all different detections of each frame."""
+        """The stored answer to this look; where the detector did not look so, all detections of each frame.
+
+        One body may be among these several times, as the answers of several looks: association takes it once.
+        """
         return tuple(self.observations.detections(frame, rows) for frame, rows in self.rows(kind))
 
     def rows(self, kind: LookKind) -> list[tuple[int, Array]]:
         """Where the answers of `look` lie in the log: (row of the frame table, rows of the detection table) of each."""
         log, kinds = self.observations, self.observations.frame_look[self.frames]
         answers = self.frames[(kinds == kind) | (kinds == LookKind.STATED)]
+        rows = {int(i): np.arange(log.frame_begin[i], log.frame_begin[i + 1]) for i in self.frames}
         if len(answers):
-            return [(int(i), np.arange(log.frame_begin[i], log.frame_begin[i + 1])) for i in answers]
+            return [(i, rows[i]) for i in answers.tolist()]
         cameras = log.frame_camera[self.frames]
-        by_camera = [self.frames[cameras == camera] for camera in np.unique(cameras)]
-        return [(int(frames[0]), self._union(frames)) for frames in by_camera]
-
-    def _union(self, frames: Array) -> Array:
-        """Detections of several looks at one frame, each body once, as the last look that found it has it.
-
-        Bodies are distinguished by their keypoints: the boxes of two people who stand close together overlap.
-        """
-        log, kept = self.observations, np.zeros(0, np.int64)
-        for frame in frames[::-1]:
-            rows = np.arange(log.frame_begin[frame], log.frame_begin[frame + 1])
-            found = np.concatenate([kept, rows[(log.score[rows] > 0).any(axis=1)]])
-            # what is kept counts first, however sure it is
-            sure = np.where(np.arange(len(found)) < len(kept), np.inf, log.score[found].sum(axis=1))
-            again = duplicates(log.detections(int(frame), found), DUPLICATE_SHARE, sure)
-            kept = np.concatenate([kept, found[len(kept) :][~again[len(kept) :]]])
-        return kept
+        by_camera = [self.frames[cameras == camera].tolist() for camera in np.unique(cameras)]
+        return [(frames[0], np.concatenate([rows[i] for i in frames])) for frames in by_camera]
 
 
 def stored_steps(observations: Observations, first: int = 0) -> Iterator[StoredStep]:

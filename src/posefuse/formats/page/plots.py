@@ -84,7 +84,6 @@ class Line(_Series):
     y: Array
     _: KW_ONLY
     colour: str | None = None
-    dashed: bool = False
     faint: bool = False
     type: ClassVar[str] = "line"
     of: ClassVar[tuple[str, ...]] = ("x", "y")
@@ -150,7 +149,7 @@ class Plot:
 
     Attributes:
         x_label, y_label: what the axes show, with units. equal: one scale on both axes; from_zero: y begins at 0.
-        wide: over all columns of `Plots`. window: x least and greatest, y least and greatest, where plots are compared.
+        window: x least and greatest, y least and greatest, where plots are compared.
         legend: name the series above the plot, if there are several.
     """
 
@@ -161,7 +160,6 @@ class Plot:
     y_label: str
     equal: bool = False
     from_zero: bool = False
-    wide: bool = False
     window: tuple[float, float, float, float] | None = None
     legend: bool = True
 
@@ -184,7 +182,6 @@ def plot_content(plot: Plot, arrays: Arrays) -> dict[str, Any]:
         "x": plot.x_label + (f" (every {step}th point drawn)" if step > 1 else ""),
         "y": plot.y_label,
         "equal": plot.equal,
-        "wide": plot.wide,
         "legend": plot.legend and sum(map(_in_legend, plot.series)) > 1,
         "ranges": _ranges(plot),
         "series": [_series_content(one, colour, step, arrays) for one, colour in zip(plot.series, _colours(plot), strict=True)],
@@ -210,8 +207,8 @@ def _series_content(one: Series, colour: str, step: int, arrays: Arrays) -> dict
         kept["width"] = kept.pop("high") - kept["low"]
     rough = isinstance(one, Band) or (isinstance(one, Line) and one.faint)
     content |= {name: arrays.add(values, COARSE if rough and name != "x" else FINE) for name, values in kept.items()}
-    if isinstance(one, Line):
-        content |= {name: True for name in ("dashed", "faint") if getattr(one, name)}
+    if isinstance(one, Line) and one.faint:
+        content["faint"] = True
     if isinstance(one, Dots) and one.labels:
         content["labels"] = list(one.labels)[::step]
     return content

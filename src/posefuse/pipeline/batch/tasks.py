@@ -18,7 +18,7 @@ from typing import Any
 from posefuse import __version__
 from posefuse.core import InputError, PosefuseError, Recording
 from posefuse.foundation.parsing import plain
-from posefuse.pipeline.config import CONFIG_FILE, TrackConfig, changed_config, read_config
+from posefuse.pipeline.config import CONFIG_FILE, TrackConfig, read_config
 from posefuse.pipeline.reading import is_result
 from posefuse.pipeline.result_folder import ResultFolder, unfinished_work
 from posefuse.pipeline.session import KINDS, RIG_FOLDERS, data_entries, find_session, looks_like_session, rig_files
@@ -118,7 +118,7 @@ class Task:
         """The settings file of the session with the study's changes on top; raises ConfigError for a wrong one."""
         path = self.trial.session / CONFIG_FILE
         rig = {} if self.trial.rig is None else {"rig": str(self.trial.rig)}
-        return changed_config(read_config(path if path.is_file() else None), {**rig, **self.settings})
+        return read_config(path if path.is_file() else None, {**rig, **self.settings})
 
     @cached_property
     def made_with(self) -> str:

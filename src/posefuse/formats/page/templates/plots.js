@@ -34,7 +34,7 @@
     if (one.faint)
       return [{ ...shared, showlegend: false, mode: "lines", x, y: arrays[one.y], line: { color: faded(ink, 0.28), width: 0.8 }, hoverinfo: "skip" }];
     if (one.type === "line")
-      return [{ ...shared, mode: "lines", x, y: arrays[one.y], line: { color: ink, width: 1.8, dash: one.dashed ? "dash" : "solid" } }];
+      return [{ ...shared, mode: "lines", x, y: arrays[one.y], line: { color: ink, width: 1.8 } }];
     if (one.type === "band") {
       const [bx, by] = polygons(x, arrays[one.low], arrays[one.high]);
       return [{ ...shared, showlegend: false, mode: "lines", x: bx, y: by, fill: "toself", fillcolor: faded(ink, 0.17), line: { width: 0 }, hoverinfo: "skip" }];
@@ -125,10 +125,9 @@
   dark.addEventListener("change", () => figures.filter(figure => figure.classList.contains("drawn")).forEach(figure => draw(figure)));
 
   // on paper every plot is there, as wide as a column of an A4 page, in the colours of print
-  const columns = { wide: 660, half: 322 };
   const printed = () => figures.forEach(figure => {
     draw(figure, true);
-    Plotly.relayout(figure.querySelector(".axes"), { width: columns[figure.classList.contains("wide") ? "wide" : "half"], autosize: false });
+    Plotly.relayout(figure.querySelector(".axes"), { width: 322, autosize: false });
   });
   const onScreen = () => figures.forEach(figure => { draw(figure); Plotly.relayout(figure.querySelector(".axes"), { width: null, autosize: true }); });
   addEventListener("beforeprint", printed);
