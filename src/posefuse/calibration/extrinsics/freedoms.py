@@ -330,8 +330,8 @@ def _step_between(xy: Array, least_px: float) -> tuple[float, int, int, float, b
     time = (np.arange(count) - (count - 1) / 2) / count
     change = np.tensordot(time, xy, 1) / (time @ time)
     left = xy - xy.mean(axis=0) - time[:, None, None] * change
-    sigma_px = _size(left) * np.sqrt(count / (count - 2) / (time @ time))
-    ratio = float(_size(change) / max(least_px, _SLOWLY_SIGMAS * sigma_px))
+    change_sigma_px = float(_size(left) * np.sqrt(count / (count - 2) / (time @ time)))
+    ratio = _size(change) / max(least_px, _SLOWLY_SIGMAS * change_sigma_px)
     return max(best, (ratio, count // 2, count // 2, _size(change), True))
 
 
