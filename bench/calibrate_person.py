@@ -20,11 +20,17 @@ from harness import answer, arguments, note, rendered
 
 from paper.scenes.scenes import scene_name, walking_scene
 from posefuse.calibration.clocks.person_tracks import PersonTrack, person_tracks
-from posefuse.calibration.clocks.sync import ClockEstimate, clocks_from_person
+from posefuse.calibration.clocks.sync import ClockEstimate
 from posefuse.calibration.extrinsics.self_checks import camera_differences
 from posefuse.calibration.geometry import Poses, poses_of
 from posefuse.calibration.person.scale import KnownLength
-from posefuse.calibration.person.solve import at_clocks, calibrate_from_person, calibrate_tracks, unplaced_clocks
+from posefuse.calibration.person.solve import (
+    at_clocks,
+    calibrate_from_person,
+    calibrate_tracks,
+    clocks_from_person,
+    unplaced_clocks,
+)
 from posefuse.calibration.person.views import PersonViews, person_views
 from posefuse.calibration.report import RefusedCalibration
 from posefuse.core import CalibrationError, Camera, Rig

@@ -22,7 +22,7 @@ from .verdict import Answer
 from .waved_props import Faults, Waving, board, cube, observe_prop
 
 TIME_STEPS = 120
-_ROWS = ("camera", "t_ns", "patch", "corner", "xy_img", "sharpness")
+_ROWS = ("camera", "t_ns", "patch", "corner", "xy_img")
 
 
 @dataclass(frozen=True, eq=False)

@@ -118,5 +118,4 @@ def observe_prop(rig: Rig, prop: Mapping[int, SE3], target: Target, motion: Wavi
         patch=patch_no,
         corner=corner_no,
         xy_img=xy_img,
-        sharpness=np.full(len(xy_img), np.nan),
     )

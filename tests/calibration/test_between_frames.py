@@ -27,7 +27,7 @@ def one_corner(stamps_s: np.ndarray, xy: np.ndarray) -> CornerObservations:
     camera = {"cameras": ("cam0",), "sizes_wh": ((640, 480),), "frame_count": (len(stamps_s),)}
     same = dict.fromkeys(("camera", "patch", "corner"), np.zeros(len(stamps_s), np.int64))
     t_ns = np.round(stamps_s * 1e9).astype(np.int64)
-    return CornerObservations(**camera, **same, t_ns=t_ns, xy_img=xy, sharpness=np.full(len(xy), np.nan))
+    return CornerObservations(**camera, **same, t_ns=t_ns, xy_img=xy)
 
 
 def read_between(stamps_s: np.ndarray, path: Callable[[np.ndarray], np.ndarray]) -> tuple[np.ndarray, Snapshots]:

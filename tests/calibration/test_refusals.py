@@ -251,7 +251,7 @@ def test_a_marker_with_a_wrong_id_now_and_then_does_no_harm(lab: Any, plain: Cor
 
 def merged(a: CornerObservations, b: CornerObservations) -> CornerObservations:
     """Corners of the same cameras as one recording."""
-    names = ("camera", "t_ns", "patch", "corner", "xy_img", "sharpness")
+    names = ("camera", "t_ns", "patch", "corner", "xy_img")
     return replace(a, **{name: np.concatenate([getattr(a, name), getattr(b, name)]) for name in names})
 
 
@@ -309,7 +309,7 @@ def test_a_camera_that_turns_slowly_is_refused_by_name(lab: Any, plain: CornerOb
     for k in range(8):
         seen = lab.watch(rig=Rig(turned(lab.rig, 2, np.deg2rad([0, 0, 0.5 * k / 7]))))
         mixed = merged(mixed, seen.rows((seen.camera == 2) & (seen.t_ns * 8 // end_ns == k)))
-    refusal(RefusedCalibration, r"cause: cam02 was moved slowly: it turned by 0\.[4-6]\d deg", calibrated, lab, mixed)
+    refusal(RefusedCalibration, r"cam02 was moved slowly, its view by 0\.[1-3] deg", calibrated, lab, mixed)
 
 
 @pytest.mark.slow

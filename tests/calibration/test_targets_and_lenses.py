@@ -157,7 +157,6 @@ def test_a_chessboard_that_is_part_of_a_larger_one_is_named(target: Chessboard, 
         patch=np.zeros(2 * corners),
         corner=np.tile(np.arange(corners), 2),
         xy_img=np.zeros((2 * corners, 2)),
-        sharpness=np.ones(2 * corners),
     )
     source = Clip(image=np.repeat(chessboard_page()[..., None], 3, axis=-1), stamps_ns=tuple(range(8)))
     if not words:
@@ -228,7 +227,7 @@ def test_views_that_are_too_few_or_too_alike_are_refused(watched: Watched) -> No
         replace(one, t_ns=one.t_ns + k, xy_img=one.xy_img + np.random.default_rng(k).normal(0, 0.2, one.xy_img.shape))
         for k in range(12)
     ]
-    names = ("camera", "t_ns", "patch", "corner", "xy_img", "sharpness")
+    names = ("camera", "t_ns", "patch", "corner", "xy_img")
     same = replace(one, **{name: np.concatenate([getattr(part, name) for part in alike]) for name in names})
     refusal(RefusedCalibration, "slants differ", calibrate_intrinsics, same, WIDE)
 

@@ -19,11 +19,10 @@ from posefuse.calibration.extrinsics.world import (
     floor_from_feet,
     floor_tile,
     floor_under_body,
-    triangulate_linear,
 )
 from posefuse.calibration.targets.corners import CornerObservations
 from posefuse.calibration.targets.kinds import Charuco, Chessboard, Markers
-from posefuse.calibration.verify import point_covariance, verify
+from posefuse.calibration.verify import verify
 from posefuse.core import SE3, CalibrationError, Rig
 from posefuse.health import rig_monitor as monitor
 
@@ -174,23 +173,8 @@ def test_a_chessboard_cannot_verify_a_rig(lab: Any) -> None:
 def test_noise_of_the_corners_neither_refuses_a_rig_nor_changes_its_scale(lab: Any) -> None:
     noisy = verify(lab.rig, board_seen(lab, noise_px=0.8), BOARD)
     assert noisy.report.failed == ()
-    # two per cent of a usual length alone would refuse it
     assert noisy.report.numbers["length_rms_mm"] > 20 * np.median(pdist(BOARD.corners(0)))
-    assert noisy.report.numbers["length_noise_mm"] == pytest.approx(noisy.report.numbers["length_rms_mm"], rel=0.25)
     assert noisy.report.numbers["scale"] == pytest.approx(1, abs=2e-3)
-
-
-def test_a_point_scatters_as_its_covariance_states(lab: Any) -> None:
-    xyz = np.array([[0.2, -0.1, 1.0], [-0.5, 0.4, 1.4]])
-    random, true = np.random.default_rng(3), lab.rig.project(xyz)
-    true[3, 1] = np.nan
-    one_view = np.where(np.arange(4)[:, None, None] < [[1], [4]], true, np.nan)
-    np.testing.assert_array_equal(np.isnan(triangulate_linear(lab.rig, one_view)).all(axis=1), [True, False])
-    found = np.stack([triangulate_linear(lab.rig, true + random.normal(0, 0.5, true.shape)) for _ in range(400)])
-    stated = point_covariance(lab.rig, xyz, true, 0.5)
-    for point in range(len(xyz)):
-        seen = np.cov(found[:, point].T)
-        assert np.trace(np.linalg.solve(stated[point], seen)) / 3 == pytest.approx(1, abs=0.15)
 
 
 def walk(t_s: np.ndarray) -> np.ndarray:

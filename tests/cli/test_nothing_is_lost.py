@@ -187,7 +187,7 @@ def calibrated(results: Path, out: Path, force: bool) -> None:
     few = np.arange(4)
     seen = CornerObservations(
         cameras=("a", "b"), sizes_wh=((64, 48),) * 2, frame_count=(2, 2), camera=few // 2, t_ns=few, patch=few * 0,
-        corner=few * 0, xy_img=np.full((4, 2), 9.0), sharpness=few * 1.0,
+        corner=few * 0, xy_img=np.full((4, 2), 9.0),
     )  # fmt: skip
     try:
         out.mkdir(parents=True, exist_ok=True)

@@ -28,10 +28,8 @@ def test_every_block_of_the_prop_solve(ring_rig: Callable[..., Rig]) -> None:
     random = np.random.default_rng(0)
     world = Waving(seconds=4).pose(seen.t_s + 2)
     cameras = poses_of(rig)
-    state = PropState(
-        cameras, Poses.from_se3(world), stacked(poses), np.zeros((3, 2)), random.normal(0, 1e-3, (3, 6)), np.zeros((3, 3))
-    )
-    freedom = Freedom(reference=0, held_patches=(0,), offset=True, drift=True, lens_sigma=np.ones(6), turning=(0, 1, 2))
+    state = PropState(cameras, Poses.from_se3(world), stacked(poses), np.zeros((3, 2)), random.normal(0, 1e-3, (3, 6)))
+    freedom = Freedom(reference=0, held_patches=(0,), offset=True, drift=True, lens_sigma=np.ones(6))
     corners = patch_corners(target, seen.patches)
     model = _PropProblem(seen, corners, rig.cameras, state, freedom, sigma_px=0.5, cauchy=1.0)
     linear = model.linearise(state)

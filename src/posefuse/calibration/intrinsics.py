@@ -1,6 +1,6 @@
 """One camera's intrinsics and lens from views of a flat board (Zhang 2000, by OpenCV's solver).
 
-The views are picked here: sharp ones, spread over place, size and slant. The lens gets no more coefficients than the
+The views are picked here, spread over place, size and slant. The lens gets no more coefficients than the
 views can carry, and a result whose standard errors or coverage are poor is refused with the reason. So is one that would
 change if the board were not quite as described or the focus not fixed: see `_assumptions`.
 """
@@ -24,7 +24,6 @@ from posefuse.core.arrays import Array, freeze_fields
 PARAMETERS = ("fx", "fy", "cx", "cy", "k1", "k2", "p1", "p2", "k3")
 
 _MOST_VIEWS = 40
-_LEAST_SHARPNESS = 0.4
 _OUTLIER_RATIO = 2.5
 _SIGNIFICANT = 3.0
 _MOST_SIGMA_FOCAL = 0.01
@@ -66,13 +65,12 @@ class View:
     """A flat patch of a target in one image, at t_ns.
 
     Attributes:
-        xyz: (n, 3) its corners. xy: (n, 2) px at which they were seen. sharpness: of the first one's edges.
+        xyz: (n, 3) its corners. xy: (n, 2) px at which they were seen.
     """
 
     t_ns: int
     xyz: Array
     xy: Array
-    sharpness: float
 
 
 def calibrate_intrinsics(observations: CornerObservations, target: Target) -> Intrinsics:
@@ -91,7 +89,7 @@ def calibrate_intrinsics(observations: CornerObservations, target: Target) -> In
         )
         few = Check("target seen", False, detail, "show the board from more places and slants")
         raise RefusedCalibration(CalibrationReport(f"camera {name}", (few,)))
-    views = _spread(_sharp(views), size_wh)
+    views = _spread(views, size_wh)
     solved = _solve(views, size_wh)
     # a view that fits far worse than the others was blurred or wrongly detected
     good = solved.view_rms_px <= _OUTLIER_RATIO * np.median(solved.view_rms_px)
@@ -110,8 +108,7 @@ def flat_views(observations: CornerObservations, target: Target, least: int) -> 
     for first, end in zip(starts, np.append(starts[1:], len(observations)), strict=True):
         xyz = corners[int(observations.patch[first])][observations.corner[first:end]]
         if len(xyz) >= least and in_a_plane(xyz):
-            sharpness = float(observations.sharpness[first])
-            views.append(View(int(observations.t_ns[first]), xyz, observations.xy_img[first:end], sharpness))
+            views.append(View(int(observations.t_ns[first]), xyz, observations.xy_img[first:end]))
     return views
 
 
@@ -124,21 +121,12 @@ def _feature(view: View, size_wh: tuple[int, int]) -> Array:
     return np.concatenate([view.xy.mean(axis=0) / size_wh, [size], slant])
 
 
-def _sharp(views: list[View]) -> list[View]:
-    """Views whose edges are not much softer than usual; all when too few would be left."""
-    sharpness = np.array([view.sharpness for view in views])
-    if not np.isfinite(sharpness).any():
-        return views
-    keep = sharpness >= _LEAST_SHARPNESS * np.nanmedian(sharpness)
-    return [view for view, ok in zip(views, keep, strict=True) if ok] if keep.sum() >= LEAST_VIEWS else views
-
-
 def _spread(views: list[View], size_wh: tuple[int, int]) -> list[View]:
-    """Not too many views, each the farthest from those taken before; sharpness decides the first."""
+    """Not too many views, each the farthest from those taken before."""
     if len(views) <= _MOST_VIEWS:
         return views
     features = np.array([_feature(view, size_wh) for view in views])
-    taken = [int(np.argmax([view.sharpness for view in views]))]
+    taken = [0]
     distance = np.full(len(views), np.inf)
     while len(taken) < _MOST_VIEWS:
         distance = np.minimum(distance, np.linalg.norm(features - features[taken[-1]], axis=1))

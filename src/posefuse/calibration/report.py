@@ -110,15 +110,13 @@ class Limits:
             views. Judgement: a third of the time stamps may be wrong.
         position_sigma_share: standard error of a camera's position over the target's usual distance. Judgement: 20 mm of 4 m.
         moved_rad: a step of a camera's view that is no more is not noticed. Judgement: 7 mm at 4 m.
-        turned_rad: a camera may turn by this against the others over the recording, as in the background of its images
-            (`health.background`). Three of the webcams, which stand still, show 0.15 deg of 9 standard errors.
         focal_share: focal lengths that are let free may change by this. Judgement: twice the standard error of intrinsics from a
             board, which is 0.2 to 0.3 % with 0.25 px of noise in the corners.
         centre_rad: and the principal point by this. Judgement; the webcams, whose rig is right, show 2.2 deg, which their halves
             do not confirm.
         bend_px_per_1000: and image points at the rim by distortion, per 1000 px of width. Judgement.
         stretch_share: a board may be longer in one direction by this: printers are true to 0.5 %.
-        lens_sigma: none of the five refuses below so many standard errors.
+        lens_sigma: none of the four refuses below so many standard errors.
         own_depth_ratio, own_focal_sigma, own_bend_px_per_1000: intrinsics from the recording of the extrinsics need a target that
             was so much farther away at times, and standard errors of focal length (share) and distortion at the rim below these.
             Judgement: what a board gives, and the limits above.
@@ -137,7 +135,6 @@ class Limits:
     agreeing_share: float = 0.5
     position_sigma_share: float = 0.005
     moved_rad: float = float(np.deg2rad(0.1))
-    turned_rad: float = float(np.deg2rad(0.35))
     focal_share: float = 0.005
     centre_rad: float = float(np.deg2rad(1.0))
     bend_px_per_1000: float = 1.0

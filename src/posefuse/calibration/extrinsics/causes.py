@@ -29,8 +29,6 @@ from .freedoms import (
     clocks_freed,
     lens_change,
     lenses_freed,
-    most_turned,
-    turn_freed,
 )
 from .pipeline import TIME_STEPS, RigTask, Solved, solve
 from .prop_solve import SolvedRig
@@ -192,12 +190,9 @@ def clocks_off(task: RigTask) -> Iterator[Freed]:
 
 
 def unsteady(task: RigTask, solved: Solved) -> Iterator[Freed]:
-    """What the checks of a solution let free, and what did not stay; of the cameras only the one that turns most."""
-    turning, clocks = turn_freed(solved, task.options.clocks != "together"), clocks_freed(solved)
+    """What the checks of a solution let free, and what did not stay."""
     boards = [board_freed(solved)] if isinstance(task.target, Charuco) else []
-    if not turning.check.passed:
-        yield Freed(turning.check, solved.again(turning=most_turned(turning.solved)[:1]), 3)
-    yield from (freed for freed in (*boards, clocks, camera_moves(solved)) if not freed.check.passed)
+    yield from (freed for freed in (*boards, clocks_freed(solved), camera_moves(solved)) if not freed.check.passed)
 
 
 # cameras whose stamps are looked at

@@ -48,17 +48,11 @@ def clocks_freed(solved: Solved) -> Freed:
     return Freed(check_clocks(free), free, len(solved.cameras) - 1)
 
 
-def turn_freed(solved: Solved, offset: bool) -> Freed:
-    """Cameras that may turn, with nearly free intrinsics, for which a turn must not stand."""
-    free = lenses_freed(solved, offset, turning=tuple(range(len(solved.cameras))))
-    return Freed(check_turning(free), free, 9 * len(solved.cameras))
-
-
-def lenses_freed(solved: Solved, offset: bool, of: tuple[int, ...] | None = None, turning: tuple[int, ...] = ()) -> Solved:
+def lenses_freed(solved: Solved, offset: bool, of: tuple[int, ...] | None = None) -> Solved:
     """Nearly free intrinsics, of all cameras or of some."""
     focal_px = _FREE_FOCAL * float(np.mean([camera.K[0, 0] for camera in solved.cameras]))
     sigma = np.array([focal_px, focal_px, *_FREE_LENS])
-    return solved.again(offset=offset, lens_sigma=sigma, lens_of=of, turning=turning)
+    return solved.again(offset=offset, lens_sigma=sigma, lens_of=of)
 
 
 def check_clocks(
@@ -84,38 +78,6 @@ def check_clocks(
         f"the cameras are not synchronised: calibrate with `clocks={'drift' if drifting else 'offset'}`",
         "drift" if drifting else "clocks",
     )  # fmt: skip
-
-
-def check_turning(free: SolvedRig) -> Check:
-    """No camera turns all the time: its rate, when it is let free with the intrinsics, is none.
-
-    The halves show that badly: each scatters by half of the turn, and their standard errors grow with it.
-    """
-    c, angle_rad, sigmas = most_turned(free)
-    wrong = angle_rad > LIMITS.turned_rad and sigmas > LIMITS.lens_sigma
-    name = free.cameras[c].name
-    words = f"{name} was moved slowly: it turned by" if wrong else f"{name} turns most, by"
-    return Check(
-        "no camera turns", not wrong,
-        f"{words} {np.rad2deg(angle_rad):.2f} deg over the recording, {sigmas:.1f} standard errors (limits"
-        f" {np.rad2deg(LIMITS.turned_rad):.2f} deg and {LIMITS.lens_sigma:.0f})",
-        "fasten it, and calibrate again",
-    )  # fmt: skip
-
-
-def most_turned(free: SolvedRig) -> tuple[int, float, float]:
-    """The camera whose turn is farthest over its limits, by how many rad it turns over the recording, and how many standard
-    errors its own turn is.
-
-    Against the median: cameras in a row hardly determine a turn that all share about that row, and it moves none against another.
-    """
-    state, rate = free.solution.state, free.solution.state.turn_rad_s
-    world = np.einsum("cji,cj->ci", state.cam_from_world.R, rate)
-    square = (rate * np.linalg.solve(free.solution.turn_covariance, rate[..., None])[..., 0]).sum(axis=1)
-    angle_rad = np.linalg.norm(world - np.median(world, axis=0), axis=1) * np.ptp(free.seen.t_s)
-    sigmas = np.sqrt(np.maximum(square, 0.0))
-    c = int(np.argmax(np.minimum(angle_rad / LIMITS.turned_rad, sigmas / LIMITS.lens_sigma)))
-    return c, float(angle_rad[c]), float(sigmas[c])
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -259,9 +221,9 @@ def check_board_shape(share: float, sigma: float) -> Check:
 
 
 _STRETCHES = 8
-# a move counts from so many times what stretches without a move scatter by, and where two poses fit so much better than one:
-# good sessions 0.1 or less, moves of 0.15 deg 0.17 or more (`bench/calibration_faults.py`)
-_MOVED_SIGMAS, _LEAST_BETTER = 6.0, 0.1
+# a step, or a turn all the time, counts from so many times what stretches without it scatter by, and where two poses fit so much
+# better than one: good sessions 0.1 or less, moves of 0.15 deg 0.17 or more (`bench/calibration_faults.py`)
+_MOVED_SIGMAS, _SLOWLY_SIGMAS, _LEAST_BETTER = 6.0, 4.0, 0.1
 # two explanations whose cost differs by less than this share cannot be distinguished
 _ALIKE = 0.02
 _MOST_COMPARED = 300
@@ -272,13 +234,14 @@ class _Step:
     """The largest step between the poses that camera `of` has in stretches of time.
 
     Attributes:
-        ratio: the step over its limit. px: by how much the target moves in the image. at_s: when.
+        ratio: the step over its limit. px: by how much the target moves in the image. at_s: when. slowly: all the time.
     """
 
     of: int
     ratio: float
     px: float
     at_s: float
+    slowly: bool
 
 
 @dataclass(frozen=True, eq=False)
@@ -332,12 +295,12 @@ def _largest_step(solved: SolvedRig, c: int, least_rad: float) -> _Step:
     poses = free.solution.state.cam_from_world[pose_of].se3()
     xyz = free.solution.state.world_from_prop.t[rows.time_step[mine[:: max(1, len(mine) // _MOST_COMPARED)]]]
     xy = np.stack([replace(solved.cameras[c], cam_from_world=poses[i]).project(xyz) for i in range(len(pose_of))])
-    ratio, first, last, px = _step_between(xy, least_rad * float(solved.cameras[c].K[0, 0]))
+    ratio, first, last, px, slowly = _step_between(xy, least_rad * float(solved.cameras[c].K[0, 0]))
     own = rows.rows(rows.camera == c)
     before, after = (_costs(free, replace(own, camera=np.full(len(mine), pose_of[i % len(pose_of)]))) for i in (first - 1, last))
     # image points before the cut belong to the first pose, those after it to the second
     cut = int(np.argmin(np.append(0, np.cumsum(before - after)[:-1])))
-    return _Step(c, ratio, px, float(own.t_s[own.time_step[cut]]) if len(mine) else 0.0)
+    return _Step(c, ratio, px, float(own.t_s[own.time_step[cut]]) if len(mine) else 0.0, slowly)
 
 
 def _costs(solved: SolvedRig, seen: Snapshots) -> Array:
@@ -346,24 +309,30 @@ def _costs(solved: SolvedRig, seen: Snapshots) -> Array:
     return np.asarray(np.log1p(np.nan_to_num((off**2).sum(axis=1) / solved.solution.sigma_px**2, nan=1e6)))
 
 
-def _step_between(xy: Array, least_px: float) -> tuple[float, int, int, float]:
-    """Of points (S, N, 2) seen by the pose of each stretch: the largest step over its limit, the stretches it lies between, px.
+def _step_between(xy: Array, least_px: float) -> tuple[float, int, int, float, bool]:
+    """Of points (S, N, 2) seen by the pose of each stretch: the largest step over its limit, the stretches it lies between, px,
+    and whether the camera rather moves all the time.
 
     A stretch in which the camera moves is no part of either side.
     """
-    best, count = (0.0, 1, 1, 0.0), len(xy)
-    good = np.isfinite(xy).all(axis=(0, 2))
+    best, count = (0.0, 1, 1, 0.0, False), len(xy)
+    xy = xy[:, np.isfinite(xy).all(axis=(0, 2))]
+    if not xy.shape[1]:
+        return best
     for first in range(1, count):
-        for last in (first, first + 1):
-            before, after = xy[:first, good], xy[last:, good]
-            if not len(after) or not good.any():
-                continue
+        for last in (first, min(first + 1, count - 1)):
+            before, after = xy[:first], xy[last:]
             step_px = _size(after.mean(axis=0) - before.mean(axis=0))
             within = np.concatenate([before - before.mean(axis=0), after - after.mean(axis=0)])
             each_px = _size(within) * np.sqrt(len(within) / (len(within) - 2))
             sigma_px = each_px * np.sqrt(1 / len(before) + 1 / len(after))
-            best = max(best, (float(step_px / max(least_px, _MOVED_SIGMAS * sigma_px)), first, last, step_px))
-    return best
+            best = max(best, (float(step_px / max(least_px, _MOVED_SIGMAS * sigma_px)), first, last, step_px, False))
+    time = (np.arange(count) - (count - 1) / 2) / count
+    change = np.tensordot(time, xy, 1) / (time @ time)
+    left = xy - xy.mean(axis=0) - time[:, None, None] * change
+    change_sigma_px = float(_size(left) * np.sqrt(count / (count - 2) / (time @ time)))
+    ratio = _size(change) / max(least_px, _SLOWLY_SIGMAS * change_sigma_px)
+    return max(best, (ratio, count // 2, count // 2, _size(change), True))
 
 
 def _size(off: Array) -> float:
@@ -375,8 +344,8 @@ def _move(solved: SolvedRig, step: _Step) -> _Move:
     camera, seen = solved.cameras[step.of], solved.seen
     later = (seen.camera == step.of) & (seen.t_s[seen.time_step] >= step.at_s)
     two = solved.with_camera_apart(step.of, later.astype(np.int64))
-    words = (f"{camera.name} was moved at about {step.at_s - seen.t_s.min():.0f} s, its view by"
-             f" {np.rad2deg(step.px / float(camera.K[0, 0])):.1f} deg")  # fmt: skip
+    when = "slowly" if step.slowly else f"at about {step.at_s - seen.t_s.min():.0f} s"
+    words = f"{camera.name} was moved {when}, its view by {np.rad2deg(step.px / float(camera.K[0, 0])):.1f} deg"
     alike = replace(two, solution=replace(two.solution, sigma_px=solved.solution.sigma_px))
     before, after = _costs(solved, seen), _costs(alike, two.seen)
     own = np.isin(two.seen.camera, (step.of, len(solved.cameras)))

@@ -22,7 +22,6 @@ from .snapshots import Snapshots
 
 _LEAST_SIGMA_PX = 0.05
 _DELAY_SCALE_S = np.array([1e-3, 1e-5])
-_TURN_SCALE_RAD_S = 1e-3
 # stretches of a recording whose scatter the standard errors answer for
 _TIME_BLOCKS = 16
 # a view agrees within so many standard deviations, which are this at least, px
@@ -56,7 +55,6 @@ class PropState:
         cam_from_world: (C,). world_from_prop: (T,), each of one prop. prop_from_patch: (M,).
         delay_s: (C, 2) clock offset in s and drift in s/s, as in `snapshots`.
         lens_delta: (C, 6) correction of `LENS_PARAMETERS`.
-        turn_rad_s: (C, 3) rate at which a camera turns about its own axes; the pose is that of the middle of the recording.
     """
 
     cam_from_world: Poses
@@ -64,14 +62,12 @@ class PropState:
     prop_from_patch: Poses
     delay_s: Array
     lens_delta: Array
-    turn_rad_s: Array
 
     @classmethod
     def starting(cls, cam_from_world: Poses, track: Poses, prop_from_patch: Poses, delay_s: Array) -> PropState:
-        """Where a solve starts: the prop along its `track`, NaN where that is unknown, intrinsics as given, no camera turning."""
+        """Where a solve starts: the prop along its `track`, NaN where that is unknown, intrinsics as given."""
         count, world_from_prop = len(cam_from_world), Poses(track.R, np.nan_to_num(track.t))
-        nothing = np.zeros((count, len(LENS_PARAMETERS))), np.zeros((count, 3))
-        return cls(cam_from_world, world_from_prop, prop_from_patch, delay_s, *nothing)
+        return cls(cam_from_world, world_from_prop, prop_from_patch, delay_s, np.zeros((count, len(LENS_PARAMETERS))))
 
     @classmethod
     def of_points(cls, cam_from_world: Poses, xyz: Array) -> PropState:
@@ -91,7 +87,6 @@ class Freedom:
         lens_sigma: (6,) standard errors of the given intrinsics, 0 holds one of them, None holds all.
         lens_of: cameras whose intrinsics move, None for all.
         moving: cameras whose poses and clocks move, instead of all but the reference.
-        turning: cameras that may turn at a constant rate; as all places stay, the reference camera's is determined, too.
         scale: camera and axis of the translation that is held where no corner has a size; None where corners set the scale.
         calibrated: poses from which the cameras move by `pose_sigma` (6,) at a time, rad and m in their own axes; None: any.
     """
@@ -103,7 +98,6 @@ class Freedom:
     lens_sigma: Array | None = None
     lens_of: tuple[int, ...] | None = None
     moving: tuple[int, ...] | None = None
-    turning: tuple[int, ...] = ()
     scale: tuple[int, int] | None = None
     calibrated: Poses | None = None
     pose_sigma: Array | None = None
@@ -120,7 +114,6 @@ class PropSolution:
             like all standard errors here at least the scatter between parts of the recording.
         delay_sigma_s: (C, 2) standard errors of the clocks; 0 where held.
         lens_covariance: (C, 6, 6) of `LENS_PARAMETERS`; 0 where held.
-        turn_covariance: (C, 3, 3) of `turn_rad_s`; 0 where held.
         predicted_sigma_px: (N,) standard error of where the camera as found sees a point, by its pose, clock and intrinsics.
     """
 
@@ -130,7 +123,6 @@ class PropSolution:
     camera_covariance: Array
     delay_sigma_s: Array
     lens_covariance: Array
-    turn_covariance: Array
     predicted_sigma_px: Array
 
 
@@ -174,6 +166,11 @@ class SolvedRig:
         share = np.where(there < _LEAST_JUDGED, 1.0, agree / np.maximum(there, 1))
         return np.asarray(share.reshape(count, parts))
 
+    @property
+    def start(self) -> tuple[Poses, Freedom]:
+        """Where another solve of the same cameras may begin: their poses, and what may move."""
+        return self.solution.state.cam_from_world, self.freedom
+
     def again(self, **freed: Any) -> Self:
         """Solved once more from here, with the fields `freed` of `Freedom` besides the poses of cameras and patches."""
         freedom, state = replace(self.freedom, **freed), self.solution.state
@@ -188,7 +185,6 @@ class SolvedRig:
             cam_from_world=state.cam_from_world[every],
             delay_s=state.delay_s[every],
             lens_delta=state.lens_delta[every],
-            turn_rad_s=state.turn_rad_s[every],
         )
         seen = replace(self.seen, camera=np.where(part > 0, count + part - 1, self.seen.camera))
         seen = seen.rows(np.ones(len(part), bool))
@@ -257,7 +253,7 @@ def _summary(solution: Solution[PropState], assumed_px: float, freedom: Freedom,
     full[np.ix_(free, free)] = covariance
     # pose, clock and intrinsics of each camera
     clocks = 6 * count + 6 * len(solution.state.prop_from_patch)
-    begins = ((0, 6), (clocks, 2), (clocks + 2 * count, len(LENS_PARAMETERS)), (clocks + 8 * count, 3))
+    begins = ((0, 6), (clocks, 2), (clocks + 2 * count, len(LENS_PARAMETERS)))
     own = [np.concatenate([begin + size * i + np.arange(size) for begin, size in begins]) for i in range(count)]
     joint = np.stack([full[np.ix_(one, one)] for one in own])
     poses, _, *others = (block.jacobian * noise_px[..., None] for block in solution.linear.blocks)
@@ -271,8 +267,7 @@ def _summary(solution: Solution[PropState], assumed_px: float, freedom: Freedom,
         residual_px=solution.residual * noise_px,
         camera_covariance=joint[:, :6, :6],
         delay_sigma_s=np.sqrt(np.diagonal(joint[:, 6:8, 6:8], axis1=1, axis2=2)) * _DELAY_SCALE_S,
-        lens_covariance=joint[:, 8:14, 8:14],
-        turn_covariance=joint[:, 14:, 14:] * _TURN_SCALE_RAD_S**2,
+        lens_covariance=joint[:, 8:, 8:],
         predicted_sigma_px=np.sqrt(np.maximum(predicted_px2, 0.0)),
     )
 
@@ -284,7 +279,7 @@ def _stretch_of(t_s: Array, count: int) -> Array:
 
 
 def _free(state: PropState, freedom: Freedom) -> tuple[Array, ...]:
-    cameras, clocks, turns = (np.zeros((len(state.cam_from_world), n), bool) for n in (6, 2, 3))
+    cameras, clocks = (np.zeros((len(state.cam_from_world), n), bool) for n in (6, 2))
     patches = np.zeros((len(state.prop_from_patch), 6), bool)
     if freedom.moving is not None or freedom.reference is not None:
         others = np.arange(len(cameras)) != freedom.reference
@@ -300,8 +295,7 @@ def _free(state: PropState, freedom: Freedom) -> tuple[Array, ...]:
         lens[:] = freedom.lens_sigma > 0
     if freedom.lens_of is not None:
         lens &= np.isin(np.arange(len(cameras)), freedom.lens_of)[:, None]
-    turns[list(freedom.turning)] = True
-    return cameras, patches, clocks, lens, turns
+    return cameras, patches, clocks, lens
 
 
 class _PropProblem(Problem[PropState]):
@@ -332,7 +326,7 @@ class _PropProblem(Problem[PropState]):
         return cost
 
     def step(self, state: PropState, blocks: list[Array], local: Array) -> PropState:
-        camera, patch, clock, lens, turn = blocks
+        camera, patch, clock, lens = blocks
         if self._points:
             local = np.concatenate([np.zeros_like(local), local], axis=1)
         return replace(
@@ -341,7 +335,6 @@ class _PropProblem(Problem[PropState]):
             prop_from_patch=state.prop_from_patch.stepped(patch),
             delay_s=state.delay_s + clock * _DELAY_SCALE_S,
             lens_delta=state.lens_delta + lens,
-            turn_rad_s=state.turn_rad_s + turn * _TURN_SCALE_RAD_S,
             world_from_prop=state.world_from_prop.stepped(local),
         )
 
@@ -351,8 +344,6 @@ class _PropProblem(Problem[PropState]):
         prop = state.prop_from_patch[seen.patch].move(self._xyz_patch)
         world = state.world_from_prop[seen.time_step].move(prop)
         cam = state.cam_from_world[seen.camera].move(world)
-        if state.turn_rad_s.any():
-            cam = cam + np.cross(state.turn_rad_s[seen.camera] * seen.t_s[seen.time_step][:, None], cam)
         return prop, world, cam, Lenses(self._cameras, state.lens_delta)
 
     def linearise(self, state: PropState) -> Linearised:
@@ -371,7 +362,6 @@ class _PropProblem(Problem[PropState]):
             ResidualBlock(_pose_jacobian(d_prop, turned_prop), seen.patch, len(state.prop_from_patch)),
             ResidualBlock(self._clock_jacobian(), seen.camera, len(state.cam_from_world)),
             self._lens_block(state, lenses, cam),
-            ResidualBlock(self._turn_jacobian(d_cam, cam), seen.camera, len(state.cam_from_world)),
         )
         return Linearised(blocks, d_world if self._points else _pose_jacobian(d_world, turned_world), seen.time_step)
 
@@ -389,11 +379,6 @@ class _PropProblem(Problem[PropState]):
         per_offset = -self._seen.velocity_px_s / self._sigma_px
         per_drift = per_offset * self._seen.t_s[self._seen.time_step][:, None]
         return np.asarray(np.stack([per_offset, per_drift], axis=-1) * _DELAY_SCALE_S)
-
-    def _turn_jacobian(self, d_cam: Array, cam: Array) -> Array:
-        if not self._freedom.turning:
-            return np.zeros((len(cam), 2, 3))
-        return np.asarray(-d_cam @ hat(cam) * (self._seen.t_s[self._seen.time_step] * _TURN_SCALE_RAD_S)[:, None, None])
 
     def _lens_block(self, state: PropState, lenses: Lenses, cam: Array) -> ResidualBlock:
         count = len(state.cam_from_world)

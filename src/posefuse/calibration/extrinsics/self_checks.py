@@ -17,7 +17,7 @@ from posefuse.calibration.targets.kinds import Charuco, Target, scale_m
 from posefuse.core import Camera
 from posefuse.core.arrays import Array
 
-from .freedoms import board_freed, camera_moves, check_lenses, clocks_freed, lens_change, lenses_freed, turn_freed
+from .freedoms import board_freed, camera_moves, check_lenses, clocks_freed, lens_change, lenses_freed
 from .own_intrinsics import check_carried
 from .pipeline import LEAST_TIME_STEPS, Links, RigTask, Solved
 from .prop_solve import SolvedRig
@@ -295,7 +295,7 @@ def solution_checks(task: RigTask, solved: Solved, before: list[Check]) -> list[
     CalibrationReport("extrinsics", (*before, *quick)).require()
     parts = [lens_change(half, lenses_freed(half, False)) for half in halves(solved)]
     lenses = lens_change(solved, lenses_freed(solved, not synchronised)).confirmed_by(parts)
-    done = [*quick, camera_moves(solved.thinned).check, turn_freed(solved, not synchronised).check, check_lenses(lenses)]
+    done = [*quick, camera_moves(solved.thinned).check, check_lenses(lenses)]
     if isinstance(task.target, Charuco):
         done.append(board_freed(solved.thinned).check)
     if synchronised:

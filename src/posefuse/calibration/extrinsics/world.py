@@ -89,9 +89,8 @@ def _one_frame(mine: CornerObservations, patch: int) -> CornerObservations:
         raise CalibrationError(f"target {patch}: it moves in the images (by {loose:.0f} px); lay it down still")
     n = len(pairs)
     return replace(
-        mine, camera=pairs[:, 0], corner=pairs[:, 1], t_ns=np.zeros(n, np.int64), patch=np.full(n, patch), xy_img=middle,
-        sharpness=np.full(n, np.nan),
-    )  # fmt: skip
+        mine, camera=pairs[:, 0], corner=pairs[:, 1], t_ns=np.zeros(n, np.int64), patch=np.full(n, patch), xy_img=middle
+    )
 
 
 def placed_by_rig(rig: Rig, seen: Snapshots, placing: Snapshots, target: Target, freedom: Freedom) -> SolvedRig | None:

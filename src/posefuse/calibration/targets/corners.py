@@ -14,8 +14,7 @@ from posefuse.core.arrays import Array, frozen, frozen_fields
 from posefuse.core.errors import choices
 
 _DTYPES = {
-    "camera": np.int64, "t_ns": np.int64, "patch": np.int64, "corner": np.int64,
-    "xy_img": np.float64, "sharpness": np.float64,
+    "camera": np.int64, "t_ns": np.int64, "patch": np.int64, "corner": np.int64, "xy_img": np.float64,
 }  # fmt: skip
 
 
@@ -29,7 +28,6 @@ class CornerObservations:
         camera: (N,) index into `cameras`. t_ns: (N,) time of the frame.
         patch: (N,) piece of the target (marker id; 0 for a board). corner: (N,) number of the corner on its patch.
         xy_img: (N, 2) raw px.
-        sharpness: (N,) contrast of the edges next to the corner, 1/px, see `detection.sharpness`; NaN where not measured.
         doubled: (camera name, marker id, frames) of markers met twice in one image, whose corners were left out.
         edge_width_px: (camera name, px) usual width of moving edges in its images, with or without a target; NaN where
             nothing moved.
@@ -44,7 +42,6 @@ class CornerObservations:
     patch: Array
     corner: Array
     xy_img: Array
-    sharpness: Array
     doubled: tuple[tuple[str, int, int], ...] = field(default=())
     edge_width_px: tuple[tuple[str, float], ...] = field(default=())
     recordings: tuple[tuple[str, Path], ...] = field(default=())

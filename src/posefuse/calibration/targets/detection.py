@@ -124,7 +124,7 @@ def corners_from_frames(
     camera: str, size_wh: tuple[int, int], frames: Iterable[Frame], detector: TargetDetector, every: int = 1
 ) -> CornerObservations:
     """Corners of every `every`-th frame of one camera."""
-    rows: list[tuple[Array, Corners, float]] = []
+    rows: list[tuple[Array, Corners]] = []
     doubled: Counter[int] = Counter()
     count, edges = 0, MovingEdges()
     for i, frame in enumerate(frames):
@@ -136,32 +136,19 @@ def corners_from_frames(
         found = detector.detect(grey)
         doubled.update(found.doubled)
         if len(found.xy_img):
-            rows.append((np.full(len(found.xy_img), frame.t_ns), found, sharpness(grey, found.xy_img)))
+            rows.append((np.full(len(found.xy_img), frame.t_ns), found))
     return CornerObservations(
         cameras=(camera,),
         sizes_wh=(size_wh,),
         frame_count=(count,),
-        camera=np.zeros(sum(len(t) for t, _, _ in rows), np.int64),
-        t_ns=_concatenated([t for t, _, _ in rows]),
-        patch=_concatenated([found.patch for _, found, _ in rows]),
-        corner=_concatenated([found.corner for _, found, _ in rows]),
-        xy_img=_concatenated([found.xy_img for _, found, _ in rows]).reshape(-1, 2),
-        sharpness=_concatenated([np.full(len(t), value) for t, _, value in rows]),
+        camera=np.zeros(sum(len(t) for t, _ in rows), np.int64),
+        t_ns=_concatenated([t for t, _ in rows]),
+        patch=_concatenated([found.patch for _, found in rows]),
+        corner=_concatenated([found.corner for _, found in rows]),
+        xy_img=_concatenated([found.xy_img for _, found in rows]).reshape(-1, 2),
         doubled=tuple((camera, int(patch), number) for patch, number in sorted(doubled.items())),
         edge_width_px=((camera, edges.width_px),),
     )
-
-
-def sharpness(grey: Array, xy_img: Array) -> float:
-    """Steepest edge over edge contrast next to corners (n, 2), in 1/px: an image half as sharp gives half the value."""
-    left, top = np.maximum(np.floor(xy_img.min(axis=0)).astype(int) - 3, 0)
-    right, bottom = np.ceil(xy_img.max(axis=0)).astype(int) + 4
-    cut = grey[top:bottom, left:right].astype(np.float32)
-    if min(cut.shape) < 5:
-        return float("nan")
-    gradient = np.hypot(cv2.Sobel(cut, cv2.CV_32F, 1, 0, scale=1 / 8), cv2.Sobel(cut, cv2.CV_32F, 0, 1, scale=1 / 8))
-    low, high = np.percentile(cut, [5, 95])
-    return float(np.percentile(gradient, 97) / max(high - low, 1.0))
 
 
 def why_nothing(grey_images: Sequence[Array], target: Target, edge_width_px: float = 0.0) -> tuple[str, CheckKind]:
