@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -209,13 +210,19 @@ def _median(values: Array) -> Array:
     return np.asarray((lower + upper) / 2)
 
 
-def _lengths(points: dict[str, Array], noise_var: float) -> dict[str, Length]:
-    """Of every segment that was seen; left and right share one."""
+def segment_spans(points: Mapping[str, Array]) -> dict[str, Array]:
+    """(..., 3) from one end to the other of every segment that has a length, by the names of `BodyModel.lengths`."""
     spans = {"pelvis": points["right_hip"] - points["left_hip"], "shoulders": points["right_shoulder"] - points["left_shoulder"]}
     spans["trunk"] = (points["left_shoulder"] + points["right_shoulder"] - points["left_hip"] - points["right_hip"]) / 2
     for side in SIDES:
         for bone, (upper, lower) in LIMB_ENDS.items():
             spans[f"{side}_{bone}"] = points[f"{side}_{upper}"] - points[f"{side}_{lower}"]
+    return spans
+
+
+def _lengths(points: dict[str, Array], noise_var: float) -> dict[str, Length]:
+    """Of every segment that was seen; left and right share one."""
+    spans = segment_spans(points)
     distance = np.linalg.norm(np.stack(list(spans.values()), axis=1), axis=-1)
     seen = np.isfinite(distance).sum(axis=0) >= FEWEST_SEEN
     lengths = {}
