@@ -10,6 +10,7 @@ from posefuse.kinematics import JOINT_NAMES, JointSettings
 from posefuse.kinematics.body import fit_kernels, tree_kernels
 from posefuse.kinematics.definitions import POINTS, landmark_pairs
 from posefuse.kinematics.joints import FrameBuffers
+from posefuse.kinematics.kernels import MEMORY_SIZE
 
 BALL, HINGE, SLIDE = tree_kernels.BALL, tree_kernels.HINGE, tree_kernels.SLIDE
 TREE = tree_kernels.Tree(
@@ -146,7 +147,7 @@ def solved(xyz):
     work = FrameBuffers(SKELETON, JointSettings(hinge_play_rad=0.0))
     # points this exact leave the plane guessed from the parent no say
     work.read(xyz, np.broadcast_to(np.eye(3) * 1e-16, (len(xyz), 3, 3)))
-    memory = np.full((4, 13), np.nan)
+    memory = np.full((4, MEMORY_SIZE), np.nan)
     work.step_planes(memory, 1.0)
     work.solve(work.updated)
     return work.angles.copy(), work.weights.copy()

@@ -234,6 +234,14 @@ def test_an_elbow_is_not_held_at_its_end_of_motion_while_its_points_are_bent():
     assert np.mean(recorded) < np.mean(held) / 4
 
 
+def test_an_elbow_that_bends_at_the_very_end_does_not_bend_backwards():
+    """Two uncertain looks are too few to be sure that an arm, straight until then, is turned; no later ones come."""
+    straight, bent = {"left_elbow": (2, 0, 0)}, {"left_arm": (0, 0, 180), "left_elbow": (50, 0, 0)}
+    sequence = sequence_of([straight] * 30 + [bent] * 2, "coco17", sigma_m=0.06, rate_hz=30)
+    flexion = fit_poses(sequence).joints.angle_rad[:, 0, JOINT_NAMES.index("left_elbow"), 0]
+    assert (flexion[-2:] > 0).all()
+
+
 @pytest.mark.parametrize("skeleton", ["coco17", "body_25b", "paper14", "anatomical23"])
 def test_any_skeleton_can_be_fitted(walk, skeleton):
     sequence = walk(30, skeleton)

@@ -15,19 +15,13 @@ from posefuse.core.poses import evenly_spaced
 from posefuse.core.skeleton import SIDES
 from posefuse.formats.bvh import BvhData
 
+from .definitions import JOINTS
 from .side_clues import landmarks
 
 FILE_FROM_WORLD = np.array([[0.0, 1, 0], [0, 0, 1], [1, 0, 0]])
 FILE_FROM_SEGMENT = np.array([[0.0, 0, -1], [0, 1, 0], [1, 0, 0]])
 # segment -> the one that carries it
-_LIMB_PARENT = {
-    "upper_arm": "thorax", "forearm": "upper_arm", "hand": "forearm", "thigh": "pelvis", "shank": "thigh", "foot": "shank",
-}  # fmt: skip
-PARENT = {"thorax": "pelvis", "head": "thorax"} | {
-    f"{side}_{child}": parent if parent in ("thorax", "pelvis") else f"{side}_{parent}"
-    for side in SIDES
-    for child, parent in _LIMB_PARENT.items()
-}
+PARENT = {joint.child: joint.parent for joint in JOINTS if joint.parent != "ground"}
 # where a branch ends, as the mean of landmarks
 _LIMB_END = {
     "upper_arm": ("elbow",), "forearm": ("wrist",), "hand": ("index", "pinky"), "thigh": ("knee",), "shank": ("ankle",),

@@ -9,6 +9,7 @@ import numpy as np
 
 from posefuse.core import SE3, JointAngles, Pose3D, PoseSequence, ShapeError, Skeleton
 from posefuse.core.arrays import Array, give_away
+from posefuse.core.se3 import wxyz_from_matrix
 
 from . import kernels
 from .definitions import (
@@ -142,9 +143,7 @@ class JointTracker:
 
 def frames_of(rotation: Array, origin: Array) -> tuple[Array, Array]:
     """Quaternions (..., 4) and origins of frames (..., 3, 3), (..., 3); a frame that is NaN has no origin either."""
-    wxyz = np.empty((*rotation.shape[:-2], 4))
-    kernels.quaternions(rotation.reshape(-1, 3, 3), wxyz.reshape(-1, 4))
-    return wxyz, np.where(np.isnan(rotation[..., :1, 0]), np.nan, origin)
+    return wxyz_from_matrix(rotation), np.where(np.isnan(rotation[..., :1, 0]), np.nan, origin)
 
 
 def joints_value(t_ns: Array, person_id: Array, wxyz: Array, origin: Array, angles: Array, sigmas: Array) -> JointAngles:

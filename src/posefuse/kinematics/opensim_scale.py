@@ -21,10 +21,11 @@ import numpy as np
 
 from posefuse.core import InputError, PoseSequence
 from posefuse.core.arrays import Array
+from posefuse.core.skeleton import LIMB_ENDS, SIDES
 from posefuse.formats.mot import MotTable
 from posefuse.foundation.parsing import one_line
 
-from .body.model import BodyModel, bodies_from_poses
+from .body.model import BodyModel, bodies_from_poses, segment_spans
 from .opensim_path import inverse_kinematics, logged_opensim, opensim_library
 
 SCALED_FILE, FACTORS_FILE, SCALED_MOTION_FILE = "scaled.osim", "scale_factors.xml", "scaled.mot"
@@ -38,9 +39,6 @@ _FOOT = ("subtalar_angle", "ankle_angle")
 _NECK = ("neck_", "head_")
 # hips and shoulders do not separate the tilt of the pelvis from the bend of the spine
 _SPINE = ("lumbar_extension", "L5_S1_Flex_Ext")
-# segment -> (joint it begins at, joint it ends at)
-_SPANS = {"thigh": ("hip", "knee"), "shank": ("knee", "ankle"), "upper_arm": ("shoulder", "elbow"), "forearm": ("elbow", "wrist")}
-_SIDES = {"left": "l", "right": "r"}
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,12 +73,11 @@ def scale_factors(model_path: Path, body: BodyModel) -> ScaleFactors:
     mean = float(np.mean(list(ratio.values())))
     factors = {one.getName(): np.full(3, mean) for one in model.getBodySet()}
     tall = ratio.get("trunk", mean)
-    if "right_hip" in joints:
-        factors[_parent(joints["right_hip"])] = np.array([tall, tall, ratio.get("hips", mean)])
-    if "right_shoulder" in joints:
-        factors[_parent(joints["right_shoulder"])] = np.array([tall, tall, ratio.get("shoulders", mean)])
-    for side in _SIDES:
-        for segment, (begin, end) in _SPANS.items():
+    for joint, breadth in (("right_hip", "pelvis"), ("right_shoulder", "shoulders")):
+        if joint in joints:
+            factors[_parent(joints[joint])] = np.array([tall, tall, ratio.get(breadth, mean)])
+    for side in SIDES:
+        for segment, (begin, end) in LIMB_ENDS.items():
             key, last = f"{side}_{segment}", joints.get(f"{side}_{end}")
             if key not in ratio or last is None:
                 continue
@@ -174,8 +171,8 @@ def _extremities(model: Any, state: Any, joints: Mapping[str, Any], body: BodyMo
     centres = {name: _xyz(joint.getChildFrame().getPositionInGround(state)) for name, joint in joints.items()}
     by_coordinate = _by_coordinate(model)
     found: dict[str, tuple[str, Array]] = {}
-    for side, letter in _SIDES.items():
-        foot = next((by_coordinate[f"{c}_{letter}"] for c in _FOOT if f"{c}_{letter}" in by_coordinate), None)
+    for side in SIDES:
+        foot = _first(by_coordinate, _FOOT, side)
         if foot is not None and f"{side}_ankle" in centres:
             found[f"{side}_ankle"] = _child(foot), centres[f"{side}_ankle"]
     neck = next((joint for name, joint in by_coordinate.items() if name.startswith(_NECK)), None)
@@ -198,12 +195,16 @@ def _joints(model: Any) -> dict[str, Any]:
     """Our joint name -> the model's joint."""
     by_coordinate = _by_coordinate(model)
     found = {}
-    for side, letter in _SIDES.items():
+    for side in SIDES:
         for name, coordinates in _COORDINATES.items():
-            joint = next((by_coordinate[f"{c}_{letter}"] for c in coordinates if f"{c}_{letter}" in by_coordinate), None)
-            if joint is not None:
+            if (joint := _first(by_coordinate, coordinates, side)) is not None:
                 found[f"{side}_{name}"] = joint
     return found
+
+
+def _first(by_coordinate: Mapping[str, Any], names: tuple[str, ...], side: str) -> Any:
+    """The joint with the first of these coordinates on a side that there is, or None."""
+    return next((by_coordinate[f"{name}_{side[0]}"] for name in names if f"{name}_{side[0]}" in by_coordinate), None)
 
 
 def _by_coordinate(model: Any) -> dict[str, Any]:
@@ -211,23 +212,10 @@ def _by_coordinate(model: Any) -> dict[str, Any]:
 
 
 def _lengths(centres: Mapping[str, Array], body: BodyModel) -> dict[str, tuple[float, float]]:
-    """Segment -> metres of the model and of the person."""
-
-    def apart(a: str, b: str) -> float | None:
-        return float(np.linalg.norm(centres[a] - centres[b])) if a in centres and b in centres else None
-
-    own = {f"{side}_{name}": apart(f"{side}_{a}", f"{side}_{b}") for side in _SIDES for name, (a, b) in _SPANS.items()}
-    own["hips"], own["shoulders"] = apart("left_hip", "right_hip"), apart("left_shoulder", "right_shoulder")
-    ends = [f"{side}_{joint}" for side in _SIDES for joint in ("hip", "shoulder")]
-    if all(end in centres for end in ends):
-        hips, neck = ((centres[f"left_{joint}"] + centres[f"right_{joint}"]) / 2 for joint in ("hip", "shoulder"))
-        own["trunk"] = float(np.linalg.norm(neck - hips))
-    person = {"hips": "pelvis"}
-    return {
-        name: (metres, body.lengths[person.get(name, name)].value_m)
-        for name, metres in own.items()
-        if metres and person.get(name, name) in body.lengths
-    }
+    """Segment -> metres of the model and of the person, of those that both have."""
+    ends = {f"{side}_{joint}": np.full(3, np.nan) for side in SIDES for joint in _COORDINATES} | dict(centres)
+    own = {name: float(np.linalg.norm(span)) for name, span in segment_spans(ends).items()}
+    return {name: (own_m, body.lengths[name].value_m) for name, own_m in own.items() if own_m > 0 and name in body.lengths}
 
 
 def _parent(joint: Any) -> str:

@@ -161,6 +161,11 @@ class _Arms:
                 self._against[_Arm(upper, carrying, hinge, pronation, (shoulder, elbow, wrist))] = 0.0
         self._frame, self._origin = np.empty((len(names), 3, 3)), np.empty((len(names), 3))
 
+    @property
+    def doubted(self) -> set[_Arm]:
+        """The arms that are more likely reversed than not; in time that may still prove to be wrong."""
+        return {arm for arm, against in self._against.items() if against > 0}
+
     def reversed(self, state: State, seen: Measurement, repeats: float) -> tuple[_Arm, ...]:
         """The arms that must be reversed in this state."""
         tree_kernels.forward_kinematics(self._tree, state.q, state.rot, self._frame, self._origin)
@@ -196,6 +201,7 @@ class BodyFilter:
         self.body, self.settings = body, settings
         self.tree = tree_from_body(body, settings)
         self._workspace = workspace
+        self.arms = _Arms(body, self.tree)
         self._last: FilteredStep | None = None
         self._seen_ns = 0
 
@@ -204,14 +210,14 @@ class BodyFilter:
         information = information_of(seen.cov) if not len(seen.projections) else np.zeros_like(seen.cov)
         usable = (information[:, 0, 0] > 0) | (seen.inverse_var > 0).any(axis=1)
         if self._last is not None and (seen.t_ns - self._seen_ns) * 1e-9 > _LOST_S:
-            self._last = None
+            self._last, self.arms = None, _Arms(self.body, self.tree)
         seen, information = self._with_contacts(seen, information)
         if self._last is None:
             filtered = self._start(seen, information)
         else:
             filtered = self._next(self._last, seen, information)
             repeats = self._repeats((seen.t_ns - self._last.t_ns) * 1e-9)
-            if self.settings.joint_limits and (arms := self._arms.reversed(filtered.state, seen, repeats)):
+            if self.settings.joint_limits and (arms := self.arms.reversed(filtered.state, seen, repeats)):
                 filtered = replace(filtered, state=_with_arms_turned(self.tree, filtered.state, arms), turned=arms)
         self._last = filtered
         if usable.any():
@@ -234,7 +240,6 @@ class BodyFilter:
         return max(1.0, self.settings.noise_memory_s / elapsed_s)
 
     def _start(self, seen: Measurement, information: Array) -> FilteredStep | None:
-        self._arms = _Arms(self.body, self.tree)
         guess = guessed_state(self.body, self.tree, self._workspace, seen.xyz)
         if guess is None:
             return None
@@ -289,24 +294,24 @@ def smoothed(filter_: BodyFilter, seen: Iterable[Measurement]) -> Iterator[tuple
     for one in seen:
         kept.append((one, filter_.step(one)))
         if len(kept) > _BLOCK_STEPS and (one.t_ns - kept[_BLOCK_STEPS][0].t_ns) * 1e-9 >= _LOOK_AHEAD_S:
-            yield from _smoothed_block(filter_.tree, kept, _BLOCK_STEPS)
+            yield from _smoothed_block(filter_.tree, kept, _BLOCK_STEPS, set())
             del kept[:_BLOCK_STEPS]
-    yield from _smoothed_block(filter_.tree, kept, len(kept))
+    yield from _smoothed_block(filter_.tree, kept, len(kept), filter_.arms.doubted)
 
 
 def _smoothed_block(
-    tree: tree_kernels.Tree, kept: list[tuple[Measurement, FilteredStep | None]], count: int
+    tree: tree_kernels.Tree, kept: list[tuple[Measurement, FilteredStep | None]], count: int, backwards: set[_Arm]
 ) -> Iterator[tuple[Measurement, State | None]]:
     """The first `count` of these steps, smoothed with all of them.
 
-    An arm that was found to be reversed is turned in all steps before that in which its elbow is bent backwards.
+    An arm that was found to be reversed is turned in all steps before that in which its elbow is bent backwards; one of
+    `backwards` in the last steps, too.
     """
     states: list[State | None] = []
     after, later = None, None
-    backwards: set[_Arm] = set()
     for place in range(len(kept) - 1, -1, -1):
         filtered = kept[place][1]
-        backwards |= set(after.turned if after is not None else ())
+        backwards = backwards | set(after.turned if after is not None else ())
         later = _smoothed_state(tree, filtered, after, later)
         after = filtered
         backwards = {arm for arm in backwards if later is not None and later.q[arm.elbow] < 0}

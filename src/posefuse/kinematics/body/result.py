@@ -126,7 +126,8 @@ class StateReader:
         work.solve(self._planes(np.zeros_like(cov_state)))
         rotation = work.rotation.copy()
         work.solve(self._planes(cov_state))
-        fit_kernels.add_point_variance(work.weights, self._rows, self._jacobians, cov_state, work.sigmas)
+        by_state = np.tensordot(work.weights, self._of_landmarks(), axes=([1, 3], [0, 1]))
+        work.sigmas[:] = np.sqrt(work.sigmas**2 + (by_state @ cov_state * by_state).sum(axis=-1))
         work.drop_uncertain()
         unwrap(work.angles, self._last)
         return Fitted(
@@ -137,6 +138,11 @@ class StateReader:
             angles=work.angles.copy(),
             sigmas=work.sigmas.copy(),
         )
+
+    def _of_landmarks(self) -> Array:
+        """(P, 3, D) derivatives of landmarks by the state; 0 where the tree does not carry one."""
+        carried = self._rows[:, :1, None] >= 0
+        return np.where(carried, self._jacobians[self._rows].mean(axis=1), 0.0)
 
     def points(self, state: State) -> tuple[Array, Array]:
         """(A, 3), (A, 3, 3) keypoints of the tree alone, with the covariance that the state gives them."""

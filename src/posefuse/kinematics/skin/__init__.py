@@ -8,14 +8,15 @@ from functools import cache
 from pathlib import Path
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
+from posefuse.core import Skeleton
 from posefuse.core.arrays import Array
 from posefuse.core.skeleton import LIMB_ENDS, SIDES
 from posefuse.formats.bvh import BvhData
 from posefuse.formats.gltf import Skin
 from posefuse.kinematics.animation import FILE_FROM_SEGMENT, PARENT
-from posefuse.kinematics.definitions import NOSE_BELOW_RAD
+from posefuse.kinematics.definitions import LIMBS, SEGMENT_NAMES, Limb
+from posefuse.kinematics.joints import FrameBuffers
 
 # The mesh that people are drawn as: a mean body and its shapes (`tools/make_body_mesh.py`; NOTICE has the licences).
 
@@ -92,7 +93,7 @@ def template() -> Template:
         )
 
 
-_FORWARD, _RIGHT = np.array([1.0, 0, 0]), np.array([0, -1.0, 0])
+_RIGHT = np.array([0, -1.0, 0])
 _NEXT = {"upper_arm": "forearm", "forearm": "hand", "thigh": "shank", "shank": "foot"}
 _MOST_JOINTS = 4
 
@@ -102,8 +103,6 @@ def skin_of(skeleton: BvhData) -> Skin:
     body = template()
     rest = dict(zip(skeleton.names, skeleton.rest_positions(), strict=True))
     shape = body.shape_of(_lengths(rest))
-    points = body.points_of(shape)
-    bound = {name: _bound(name, points) for name in body.segments if name in rest}
     index = {name: j for j, name in enumerate(skeleton.names)}
     weight = np.zeros((len(body.weights), len(skeleton.names)))
     for s, name in enumerate(body.segments):
@@ -111,8 +110,9 @@ def skin_of(skeleton: BvhData) -> Skin:
     joint = np.argsort(-weight, axis=1, kind="stable")[:, :_MOST_JOINTS]
     kept = np.take_along_axis(weight, joint, axis=1)
     matrices = np.tile(np.eye(4), (len(skeleton.names), 1, 1))
-    for name, matrix in bound.items():
-        matrices[index[name]] = matrix
+    for name, matrix in _bound(body.points_of(shape)).items():
+        if name in index:
+            matrices[index[name]] = matrix
     return Skin(
         vertices=body.vertices + np.tensordot(shape, body.vertex_shapes, 1),
         faces=body.faces,
@@ -140,53 +140,25 @@ def _carrier(segment: str, rest: Mapping[str, Array]) -> str:
     return segment
 
 
-def _bound(segment: str, points: Mapping[str, Array]) -> Array:
-    """(4, 4) from the template to the axes of a joint whose segment lies along the axes of the file at rest."""
-    axes, origin = _frame(segment, points)
-    matrix = np.eye(4)
-    matrix[:3, :3] = FILE_FROM_SEGMENT @ axes.T
-    matrix[:3, 3] = -matrix[:3, :3] @ origin
-    return matrix
+def _bound(points: Mapping[str, Array]) -> dict[str, Array]:
+    """By segment, (4, 4) from the template to the axes of a joint whose segment lies along the axes of the file at rest."""
+    work = FrameBuffers(Skeleton("template", tuple(points)))
+    xyz = np.array(list(points.values()))
+    work.read(xyz, np.zeros((*xyz.shape, 3)))
+    work.solve(np.array([[*_normal(limb, points), 0.0, np.inf, 0.0] for limb in LIMBS]))
+    origins = dict(zip(SEGMENT_NAMES, work.origins(), strict=True))
+    # the line from mid-hip to neck is rigid, so it turns about the hips
+    origins["thorax"] = origins["pelvis"]
+    bound = {}
+    for segment, axes in zip(SEGMENT_NAMES, work.rotation, strict=True):
+        bound[segment] = np.eye(4)
+        bound[segment][:3, :3] = FILE_FROM_SEGMENT @ axes.T
+        bound[segment][:3, 3] = -bound[segment][:3, :3] @ origins[segment]
+    return bound
 
 
-def _frame(segment: str, points: Mapping[str, Array]) -> tuple[Array, Array]:
-    """Axes (3, 3) X, Y, Z of a segment of the template as `kinematics.definitions` has them, and its origin."""
-
-    def middle(name: str) -> Array:
-        return (points[f"left_{name}"] + points[f"right_{name}"]) / 2
-
-    hips, neck = middle("hip"), middle("shoulder")
-    if segment in ("pelvis", "thorax"):
-        return _axes(Y=neck - hips, Z=_RIGHT), hips
-    if segment == "head":
-        ears = middle("ear")
-        z, x = points["right_ear"] - points["left_ear"], points["nose"] - ears
-        level = Rotation.from_rotvec(NOSE_BELOW_RAD * z / np.linalg.norm(z)).apply(x)
-        return _axes(Y=np.cross(z, level), Z=z), ears
-    side, part = segment.split("_", 1)
-    at = {name.removeprefix(f"{side}_"): point for name, point in points.items() if name.startswith(side)}
-    if part == "foot":
-        along, up = (at["big_toe"] + at["small_toe"]) / 2 - at["heel"], at["ankle"] - at["heel"]
-        z = np.cross(along, up)
-        return _axes(Y=np.cross(z, along), Z=z), at["ankle"]
-    if part == "hand":
-        across, origin = at["index"] - at["pinky"], at["wrist"]
-        return _axes(Y=origin - (at["index"] + at["pinky"]) / 2, Z=across if side == "right" else -across), origin
-    origin, end = (at[name] for name in LIMB_ENDS[part])
-    ahead = _FORWARD if part in ("thigh", "shank") else _bend(at)
-    return _axes(Y=origin - end, Z=np.cross(ahead, origin - end)), origin
-
-
-def _bend(at: Mapping[str, Array]) -> Array:
-    """Which way an arm bends: from the line shoulder-wrist away from the elbow."""
-    along = at["wrist"] - at["shoulder"]
-    inside = at["elbow"] - at["shoulder"]
-    return np.asarray((inside @ along) / (along @ along) * along - inside)
-
-
-def _axes(*, Y: Array, Z: Array) -> Array:
-    """(3, 3) columns X, Y, Z: Y exactly, Z as near as it can be."""
-    y = Y / np.linalg.norm(Y)
-    z = Z - (Z @ y) * y
-    z /= np.linalg.norm(z)
-    return np.stack([np.cross(y, z), y, z], axis=1)
+def _normal(limb: Limb, points: Mapping[str, Array]) -> Array:
+    """(3,) of the plane in which a limb of the template bends: legs are straight, arms are not."""
+    if limb.name.endswith("leg"):
+        return _RIGHT
+    return np.cross(points[limb.distal] - points[limb.middle], points[limb.proximal] - points[limb.middle])
