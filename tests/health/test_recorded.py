@@ -107,3 +107,16 @@ def test_half_a_second_on_another_person_is_no_moved_camera(walk: Walk, off_px: 
     rig, t_s, xyz, xy = walk
     mixed = np.where((abs(t_s - 5) < 0.25)[:, None, None, None] & (np.arange(4)[:, None, None] == 2), xy + [off_px, 5.0], xy)
     assert checked_rig(recording_of(rig, xyz, mixed, t_s), rig)[1] == []
+
+
+@pytest.mark.parametrize("camera", range(4))
+@pytest.mark.parametrize("at_s", [3, 5, 7, 9])
+def test_a_camera_that_sees_another_person_for_a_moment_is_not_blamed(walk: Walk, at_s: float, camera: int) -> None:
+    rig, t_s, xyz, xy = walk
+    there = abs(t_s - at_s) < 0.35
+    # who walks otherwise, half a metre away
+    other = np.roll(xyz, 53, axis=0)
+    other += (xyz[there].mean(axis=(0, 1)) - other[there].mean(axis=(0, 1))) * [1, 1, 0] + [0.3, 0.4, 0.0]
+    mixed = xy.copy()
+    mixed[there, camera] += (rig.cameras[camera].project(other) - rig.cameras[camera].project(xyz))[there]
+    assert checked_rig(recording_of(rig, xyz, mixed, t_s), rig)[1] == []

@@ -95,17 +95,23 @@ class Sums:
         """These counting `keep` times, and new ones."""
         return Sums(**{name: keep * one + getattr(new, name) for name, one in vars(self).items()})
 
-    def without(self, unknowns: slice) -> Sums:
-        """What these unknowns of all cameras together leave over, for the other unknowns."""
+    def taken_up(self, unknowns: slice) -> tuple[Array, Array]:
+        """What these unknowns of all cameras together take up: the matrix (4C, 4C) that leaves the rest, their values (4C,)."""
         taken = np.tile(np.isin(np.arange(UNKNOWNS), np.arange(UNKNOWNS)[unknowns]), len(self.points))
         all_points = self.information.sum(axis=0)
         normal = all_points[np.ix_(taken, taken)]
         # a common rotation of all cameras is hardly determined
         normal = normal + (_RIDGE * np.trace(normal) / len(normal) + 1e-9) * np.eye(len(normal))
         solved = np.linalg.solve(normal, np.column_stack([all_points[np.ix_(taken, ~taken)], self.pull[:, taken].sum(axis=0)]))
-        left = np.diag((~taken).astype(np.float64))
+        left, found = np.diag((~taken).astype(np.float64)), np.zeros(len(taken))
         left[np.ix_(~taken, taken)] = -solved[:, :-1].T
-        squares = self.squares - float(self.pull[:, taken].sum(axis=0) @ solved[:, -1])
+        found[taken] = solved[:, -1]
+        return left, found
+
+    def without(self, unknowns: slice) -> Sums:
+        """What these unknowns of all cameras together leave over, for the other unknowns."""
+        left, found = self.taken_up(unknowns)
+        squares = self.squares - float(self.pull.sum(axis=0) @ found)
         return replace(self, information=left @ self.information @ left.T, pull=self.pull @ left.T, squares=squares)
 
 

@@ -94,7 +94,8 @@ class Expected:
     Attributes:
         t_ns: session time it is for.
         xyz_world: (N, K, 3) people followed; NaN where unknown.
-        velocity_world: (N, K, 3) metres per second.
+        velocity_world: (N, K, 3) metres per second. Regions that are off by 50 ms of a walk
+            make 2D keypoints 2 % worse in the median.
     """
 
     t_ns: int
