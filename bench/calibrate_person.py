@@ -20,11 +20,11 @@ from harness import answer, arguments, note, rendered
 
 from paper.scenes.scenes import scene_name, walking_scene
 from posefuse.calibration.clocks.person_tracks import PersonTrack, person_tracks
-from posefuse.calibration.clocks.sync import ClockEstimate
+from posefuse.calibration.clocks.sync import ClockEstimate, clocks_from_person
 from posefuse.calibration.extrinsics.self_checks import camera_differences
 from posefuse.calibration.geometry import Poses, poses_of
-from posefuse.calibration.person import solve
 from posefuse.calibration.person.scale import KnownLength
+from posefuse.calibration.person.solve import at_clocks, calibrate_from_person, calibrate_tracks, unplaced_clocks
 from posefuse.calibration.person.views import PersonViews, person_views
 from posefuse.calibration.report import RefusedCalibration
 from posefuse.core import CalibrationError, Camera, Rig
@@ -87,7 +87,7 @@ def simulated(seeds: Sequence[int]) -> dict[str, list[dict]]:
 
 def outcome(rig: Rig, views: PersonViews, cameras: tuple[Camera, ...], length: KnownLength) -> dict:
     try:
-        found = solve.calibrate_from_person(views, cameras, length)
+        found = calibrate_from_person(views, cameras, length)
     except RefusedCalibration as refused:
         return {"refused": str(refused)}
     millimetres, degrees = after_similarity(rig, found.rig)
@@ -135,7 +135,7 @@ def shifted(tracks: Sequence[PersonTrack], late_s: Sequence[float], drift: Seque
 def with_rig(rig: Rig, tracks: Sequence[PersonTrack], late_s: Sequence[float], drift: Sequence[float] | None = None) -> dict:
     """Error and stated standard error of each camera's offset, or the refusal."""
     try:
-        found = solve.clocks_from_person(rig, shifted(tracks, late_s, drift), MOST_S, drift is not None)
+        found = clocks_from_person(rig, shifted(tracks, late_s, drift), MOST_S, drift is not None)
     except CalibrationError as refused:
         return {"refused": str(refused)}
     figures = clock_errors(found.clocks, late_s)
@@ -157,9 +157,9 @@ def alone(rig: Rig, tracks: Sequence[PersonTrack], late_s: Sequence[float]) -> d
     """Worst camera and clock when both are solved from the person, as `--clocks auto` does."""
     length, tracks, figures = KnownLength(stature_m=STATURE_M), shifted(tracks, late_s), {}
     try:
-        first = solve.unplaced_clocks(tracks, rig.cameras, length, "auto", MOST_S)
-        corrected = tracks if first is None else solve.at_clocks(tracks, first)
-        found, clocks = solve.calibrate_tracks(corrected, rig.cameras, length, first, with_drift=False)
+        first = unplaced_clocks(tracks, rig.cameras, length, "auto", MOST_S)
+        corrected = tracks if first is None else at_clocks(tracks, first)
+        found, clocks = calibrate_tracks(corrected, rig.cameras, length, first, with_drift=False)
         if clocks is not None:
             figures = clock_errors(clocks, late_s)
     except CalibrationError as refused:

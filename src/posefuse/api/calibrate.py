@@ -12,6 +12,7 @@ import numpy as np
 from posefuse import core
 from posefuse.calibration import intrinsics as board
 from posefuse.calibration import verify as verification
+from posefuse.calibration.clocks.sync import clocks_from_person
 from posefuse.calibration.extrinsics import target as moving_target
 from posefuse.calibration.extrinsics.own_intrinsics import cameras_of, start_sigma
 from posefuse.calibration.extrinsics.pipeline import Options
@@ -25,7 +26,6 @@ from posefuse.calibration.extrinsics.world import (
     world_rule,
 )
 from posefuse.calibration.person.scale import KnownLength
-from posefuse.calibration.person.solve import clocks_from_person
 from posefuse.calibration.report import RefusedCalibration, after
 from posefuse.calibration.targets.corners import CornerObservations
 from posefuse.calibration.targets.coverage import write_coverage

@@ -140,7 +140,7 @@ def likely_person_causes(views: PersonViews, solved: SolvedRig) -> tuple[Check, 
     if _explains(free, solved):
         failed = [check for check in (check_synchronised(free), check_intrinsics(free)) if not check.passed]
         return tuple(replace(check, name="cause") for check in failed[:1])
-    standing = check_standing(solve_person_bundle(views, cameras, STANDING_POINTS, solved.start))
+    standing = check_standing(solve_person_bundle(views, cameras, STANDING_POINTS, solved))
     return () if standing.passed else (replace(standing, name="cause"),)
 
 

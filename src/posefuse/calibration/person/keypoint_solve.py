@@ -112,12 +112,9 @@ def let_free(solved: SolvedRig, *, focal: bool = False, drift: bool = False) -> 
 
 
 def solve_person_bundle(
-    views: PersonViews,
-    cameras: tuple[Camera, ...],
-    most_points: int = MOST_POINTS,
-    near: tuple[Poses, Freedom] | None = None,
+    views: PersonViews, cameras: tuple[Camera, ...], most_points: int = MOST_POINTS, near: SolvedRig | None = None
 ) -> SolvedRig:
-    """Poses of the cameras and places of the keypoints, from nothing or from poses that are `near`, and what may move."""
+    """Poses of the cameras and places of the keypoints, from nothing or from a solution that is `near`."""
     usable = views.usable
     usable &= usable.sum(axis=0) >= 2
     norm = np.stack([camera.norm_from_px(xy) for camera, xy in zip(cameras, views.xy_img, strict=True)])
@@ -127,7 +124,7 @@ def solve_person_bundle(
         scale = b, int(np.argmax(np.abs(poses.t[b] - poses.t[a])))
         freedom = Freedom(reference=a, held_patches=None, scale=scale)
     else:
-        poses, freedom = near
+        poses, freedom = near.solution.state.cam_from_world, near.freedom
     point_of = np.flatnonzero(usable.any(axis=0).ravel())
     if len(point_of) > most_points:
         # by chance, since every n-th would be the same few keypoints again and again

@@ -13,26 +13,24 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from posefuse.calibration.clocks.person_tracks import PersonTrack
-from posefuse.calibration.clocks.start import rough_clocks, rough_clocks_unplaced
+from posefuse.calibration.clocks.start import rough_clocks_unplaced
 from posefuse.calibration.clocks.sync import (
     LATE_SIGMA,
     MOST_JUMP_S,
     SUBJECT,
     ClockEstimate,
-    FoundClocks,
     check_clocks_determined,
     check_linked,
     check_one_offset,
     check_person_in_tracks,
-    clock_figures,
     middle_s,
     moving_keypoints,
 )
-from posefuse.calibration.extrinsics.prop_solve import Freedom, SolvedRig
+from posefuse.calibration.extrinsics.prop_solve import SolvedRig
 from posefuse.calibration.extrinsics.self_checks import camera_differences, check_cameras_apart, check_videos_differ
 from posefuse.calibration.extrinsics.target import world_checks
 from posefuse.calibration.extrinsics.world import WorldRule, floor_from_feet, floor_under_body, triangulate_linear
-from posefuse.calibration.geometry import Poses, poses_of
+from posefuse.calibration.geometry import poses_of
 from posefuse.calibration.report import CalibrationReport, Check, RefusedCalibration
 from posefuse.core import SE3, CalibrationError, Camera, Rig, Skeleton
 from posefuse.core.arrays import Array
@@ -51,7 +49,7 @@ from .checks import (
     solution_fits,
     spread_m,
 )
-from .keypoint_solve import MOST_POINTS, let_free, solve_person_bundle
+from .keypoint_solve import let_free, solve_person_bundle
 from .scale import STATURE_SIGMA, KnownLength, stature_m
 from .views import PersonViews, person_views
 
@@ -105,7 +103,7 @@ def calibrate_from_person(
     done += [check_intrinsics(free), check_synchronised(free)]
     # the others take more solves, which do not help a rig that already fails
     CalibrationReport(_SUBJECT, tuple(done)).require()
-    done.append(check_standing(solve_person_bundle(views, cameras, STANDING_POINTS, solved.start)))
+    done.append(check_standing(solve_person_bundle(views, cameras, STANDING_POINTS, solved)))
     done.append(_check_halves(views, cameras, distance_m, length))
     rule = _floor(views.skeleton, xyz)
     residual = solved.solution.residual_px[solved.inlier[solved.seen.group]]
@@ -261,7 +259,7 @@ def calibrate_tracks(
     left = replace(both, offset_sigma_s=sigma_s)
     checks = [check_clocks_determined(names, left), _check_clocks_of_halves(names, apart_s)]
     if not with_drift:
-        checks.append(_check_steady(let_free(solved, drift=True), "clocks=drift"))
+        checks.append(_check_steady(let_free(solved, drift=True)))
     report = replace(found.report, checks=(*found.report.checks, *checks))
     report.require()
     return replace(found, report=report), first.then(left)
@@ -288,7 +286,7 @@ def _check_clocks_of_halves(names: Sequence[str], apart_s: Array) -> Check:
     )  # fmt: skip
 
 
-def _check_steady(free: SolvedRig, option: str) -> Check:
+def _check_steady(free: SolvedRig) -> Check:
     """Clock rates that are let free stay where they are: against the median, since the held one may be the one that drifts."""
     drift, sigma = free.solution.state.delay_s[:, 1], free.solution.delay_sigma_s[:, 1]
     half_s = -float(free.seen.t_s.min())
@@ -299,25 +297,21 @@ def _check_steady(free: SolvedRig, option: str) -> Check:
         "parts agree", bool(abs(apart_s[c]) <= limit_s[c]),
         f"{free.cameras[c].name} runs {apart_s[c] * 1e3:+.1f} ms later in the second half than in the first"
         f" (limit {limit_s[c] * 1e3:.1f})",
-        f"its clock runs at another rate: try `{option}`; or frames were lost, or come at no constant rate, without a note in"
+        "its clock runs at another rate: try `clocks=drift`; or frames were lost, or come at no constant rate, without a note in"
         " its file: use the part before or after", "drift",
     )  # fmt: skip
 
 
 def _settled(
-    tracks: Sequence[PersonTrack], cameras: tuple[Camera, ...], start: ClockEstimate, with_drift: bool,
-    most_points: int = _POINTS, near: tuple[Poses, Freedom] | None = None,
-) -> tuple[ClockEstimate, SolvedRig]:  # fmt: skip
-    """Poses and clocks in one solve, and the views read again at the clocks found, until these stay; and the last solve.
-
-    `most_points`, `near`: as of `solve_person_bundle`, `near` of the first round.
-    """
-    clocks = start
+    tracks: Sequence[PersonTrack], cameras: tuple[Camera, ...], start: ClockEstimate, with_drift: bool
+) -> tuple[ClockEstimate, SolvedRig]:
+    """Poses and clocks in one solve, and the views read again at the clocks found, until these stay; and the last solve."""
+    clocks, near = start, None
     for _ in range(_MOST_ROUNDS):
         views = person_views(tracks, clocks)
-        solved = solve_person_bundle(views, cameras, most_points, near)
-        free = let_free(solved, drift=with_drift)
-        near, left = free.start, _left(free, clocks.middle_s)
+        solved = solve_person_bundle(views, cameras, _POINTS, near)
+        near = let_free(solved, drift=with_drift)
+        left = _left(near, clocks.middle_s)
         clocks = clocks.then(left)
         if np.abs(left.offset_s).max() < _SETTLED_S:
             break
@@ -331,40 +325,3 @@ def _left(free: SolvedRig, middle_s: float) -> ClockEstimate:
     sigma[0] = 0
     (offset_s, drift), (offset_sigma_s, drift_sigma) = apart.T, sigma.T
     return ClockEstimate(offset_s, drift, offset_sigma_s, drift_sigma, middle_s)
-
-
-# a rig that is used to find clocks may be so far off, per axis: the cameras move within that, so that its errors shift no clock
-_PLACED_RAD, _PLACED_M = 0.005, 0.01
-# what a network's lasting errors move clocks by, however long the recording: as on the walks of `python -m paper drift`
-_LASTING_S = 1.5e-3
-
-
-def clocks_from_person(rig: Rig, tracks: Sequence[PersonTrack], most_s: float, with_drift: bool = False) -> FoundClocks:
-    """Offset, and on request drift, of every camera of a rig against the first one.
-
-    Args:
-        rig: of the cameras in the order of `tracks`. most_s: the farthest two cameras' clocks may be apart.
-
-    Raises:
-        RefusedCalibration: a check fails; it carries the report.
-    """
-    names, moving = rig.names, [moving_keypoints(track) for track in tracks]
-    done = [check_person_in_tracks(names, moving)]
-    CalibrationReport(SUBJECT, tuple(done)).require()
-    rough = rough_clocks(rig, moving, most_s)
-    done.append(check_linked(names, rough, most_s))
-    CalibrationReport(SUBJECT, tuple(done)).require()
-    done.append(check_one_offset(names, rough))
-    CalibrationReport(SUBJECT, tuple(done)).require()
-    sigma = np.repeat([_PLACED_RAD, _PLACED_M], 3)
-    tied = Freedom(reference=0, held_patches=None, calibrated=poses_of(rig), pose_sigma=sigma)
-    start = ClockEstimate.known(rough.offset_s, middle_s(tracks))
-    found, solved = _settled(moving, rig.cameras, start, with_drift, MOST_POINTS, (poses_of(rig), tied))
-    sigma_s = np.where(np.arange(len(names)) > 0, np.hypot(found.offset_sigma_s, _LASTING_S), 0.0)
-    clocks = replace(found, offset_sigma_s=sigma_s)
-    done += [*fit_checks(solved), check_clocks_determined(names, clocks)]
-    if not with_drift:
-        done.append(_check_steady(let_free(solved, drift=True), "drift=True"))
-    report = CalibrationReport(SUBJECT, tuple(done), numbers=clock_figures(names, clocks))
-    report.require()
-    return FoundClocks(clocks, report)
