@@ -351,6 +351,8 @@ def warmed_up(
                 raise KeyboardInterrupt
             made_up.add(view)
             pose = made_up.at(view.t_ns + 20_000_000)
+    no_offsets = JointCentres(made_by="", offsets={})
+    at_joint_centres(pose, no_offsets, no_offsets.usual)
     JointTracker(skeleton).step(pose)
     return _new(rig, skeleton, config, motion, rules)
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from functools import cache
 
 import numpy as np
@@ -35,19 +36,9 @@ _VECTORS = {
     "across_head": ("other_ear", "ear"),
     "to_nose": ("mid_ear", "nose"),
 }
+# (V, 2), in the order of which the kernels know
 _ENDS = np.array([[_POINTS.index(end) for end in ends] for ends in _VECTORS.values()])
-_PALM = list(_VECTORS).index("palm")
-# a vector, and the one that its part in question is normal to: up of chest and pelvis, outward of knee and ankle, face
-_NORMALS = np.array(
-    [
-        [list(_VECTORS).index(name) for name in pair]
-        for pair in (
-            ("spine", "across_chest"), ("spine", "across_pelvis"), ("across_pelvis", "thigh"), ("across_pelvis", "shank"),
-            ("to_nose", "across_head"),
-        )
-    ]
-)  # fmt: skip
-_LEAST_M = 1e-6
+_COUNT = sum(len(names) for names in JOINT_DIRECTIONS.values())
 
 
 def body_directions(xyz: Array, skeleton: Skeleton) -> Array:
@@ -63,40 +54,13 @@ def body_directions(xyz: Array, skeleton: Skeleton) -> Array:
     long when it is level; ``face``, from the ears to the nose, and ``crown``, normal to it and to the line of the ears, up.
     NaN where keypoints are missing.
     """
-    one, other = _columns(skeleton)
-    unknown = np.full((*np.shape(xyz)[:-2], 1, 3), np.nan)
-    known = np.concatenate([xyz, unknown], axis=-2)
-    points = (known[..., one, :] + known[..., other, :]) / 2
-    vectors = points[..., _ENDS[:, 1], :] - points[..., _ENDS[:, 0], :]
-    unit = _unit(vectors)
-    spine, chest, pelvis, arm, forearm, hand, thigh, shank, foot, _, ears, _ = np.moveaxis(unit, -2, 0)
-    beside, axis = unit[..., _NORMALS[:, 0], :], unit[..., _NORMALS[:, 1], :]
-    normals = _unit(beside - _dot(beside, axis) * axis)
-    chest_up, pelvis_up, knee_outward, ankle_outward, face = np.moveaxis(normals, -2, 0)
-    handed = np.array([[1.0], [-1.0]])
-    ahead = np.moveaxis(handed[..., None] * np.cross(axis, normals), -2, 0)
-    outward = _dot(arm, chest)
-    found = {
-        "shoulder": (ahead[0], chest_up, chest, arm, chest * outward),
-        "elbow": (arm, forearm, forearm - arm, handed * outward * (1 + _dot(arm, chest_up)) * np.cross(arm, ahead[0])),
-        "wrist": (forearm, hand, vectors[..., _PALM, :] / _PALM_M),
-        "hip": (ahead[1], pelvis_up, pelvis, thigh, thigh + spine),
-        "knee": (thigh, shank - thigh, knee_outward, ahead[2]),
-        "ankle": (shank, foot, ankle_outward, ahead[3]),
-        "ear": (face, -ahead[4], ears),
-        "nose": (face, -ahead[4]),
-    }
-    return np.stack([direction for joint in JOINT_DIRECTIONS for direction in found[joint]], axis=-2)
+    from . import direction_kernels as kernels
 
-
-def _dot(one: Array, other: Array) -> Array:
-    return np.asarray((one * other).sum(axis=-1, keepdims=True))
-
-
-def _unit(vectors: Array) -> Array:
-    """Of length one; NaN where too short to have a direction."""
-    length = np.sqrt(_dot(vectors, vectors))
-    return np.asarray(vectors / np.where(length > _LEAST_M, length, np.nan))
+    leading = np.shape(xyz)[:-2]
+    given = np.array(xyz, np.float64).reshape(math.prod(leading), len(skeleton), 3)
+    found = np.empty((len(given), len(SIDES), _COUNT, 3))
+    kernels.directions(given, *_columns(skeleton), _ENDS, _PALM_M, found)
+    return found.reshape(*leading, *found.shape[1:])
 
 
 def keypoint_of(side: str, joint: str) -> str:

@@ -26,8 +26,8 @@ from .sides import parts_of_steps, sides_that_differ, with_sides_swapped
 
 Poses = TypeVar("Poses", Pose3D, PoseSequence)
 JOINTS = tuple(JOINT_DIRECTIONS)
-# where each joint's directions begin
-_FIRST_DIRECTION = np.cumsum([0, *(len(names) for names in JOINT_DIRECTIONS.values())])[:-1]
+# where each joint's directions begin, and the end
+_FIRST_DIRECTION = np.cumsum([0, *(len(names) for names in JOINT_DIRECTIONS.values())])
 _PART_POSES = 1000
 # each round of the inverse leaves two fifths of the error or less: micrometres after these
 _INVERSE_ROUNDS = 12
@@ -93,17 +93,20 @@ def _lengths(landmarks: Array, skeleton: Skeleton, table: JointCentres) -> Array
 
 def _moves(xyz: Array, skeleton: Skeleton, table: JointCentres, lengths: Array) -> Array:
     """(..., K, 3) from landmarks (..., K, 3) to joint centres; nothing where a direction is unknown."""
+    from . import direction_kernels as kernels
+
     longer = lengths - table.usual
     longer = np.clip(np.where(np.isnan(longer), 0.0, longer), -MOST_LONGER_M, MOST_LONGER_M)
-    metres = (table.metres + longer @ table.slopes.T)[..., None, :, None]
-    moves = np.zeros((*np.shape(xyz)[:-2], len(skeleton) + 1, 3))
+    moves = np.empty(np.shape(xyz))
+    flat, flat_moves = (array.reshape(-1, len(skeleton), 3) for array in (xyz, moves))
+    metres = table.metres + longer @ table.slopes.T
+    metres = np.broadcast_to(metres, (*moves.shape[:-2], metres.shape[-1])).reshape(len(flat), metres.shape[-1])
     # some at a time: directions take several times as much memory as poses
-    for start in range(0, len(xyz), _PART_POSES):
+    for start in range(0, len(flat), _PART_POSES):
         part = slice(start, start + _PART_POSES)
-        along = np.where(metres == 0.0, 0.0, body_directions(xyz[part], skeleton) * metres)
-        total = np.add.reduceat(along, _FIRST_DIRECTION, axis=-2)
-        moves[part][..., _columns(skeleton), :] = np.where(np.isfinite(total).all(axis=-1, keepdims=True), total, 0.0)
-    return moves[..., :-1, :]
+        known = body_directions(flat[part], skeleton)
+        kernels.moves(known, metres[part].copy(), _FIRST_DIRECTION, _columns(skeleton), flat_moves[part])
+    return moves
 
 
 @cache
