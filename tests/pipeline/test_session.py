@@ -360,7 +360,7 @@ def test_overrides_replace_values_of_the_file(tmp_path: Path) -> None:
         (["end_s=inf"], ["end_s"]),
         (["rate_hz"], ["expected KEY=VALUE"]),
         (["start_s=1", "start_s.more=2"], ["start_s is a value"]),
-        (["outputs=trc"], ["outputs", 'expected names, such as ["trc", "csv"]', "'trc'"]),
+        (["outputs=trc"], ["outputs: expected names, such as", '["trc", "csv"]', "'trc'"]),
     ],
 )
 def test_a_wrong_setting_names_itself_and_what_is_allowed(overrides: list[str], parts: list[str]) -> None:

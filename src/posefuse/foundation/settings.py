@@ -74,7 +74,9 @@ def _first_problem(error: ValidationError, cls: type[Any]) -> str:
     if first["type"] in ("missing_argument", "missing_keyword_only_argument", "missing"):
         return f"{key}: missing"
     more = f" (and {error.error_count() - 1} more)" if error.error_count() > 1 else ""
-    return f"{key}: {first['msg'][0].lower()}{first['msg'][1:]}, got {short(first['input'])}{more}"
+    # pydantic puts "Value error, " before what our own validators say
+    said = str(first["ctx"]["error"]) if first["type"] == "value_error" else first["msg"]
+    return f"{key}: {said[0].lower()}{said[1:]}, got {short(first['input'])}{more}"
 
 
 def _sibling_names(cls: type[Any], loc: tuple[str | int, ...]) -> list[str]:
