@@ -84,11 +84,15 @@ def message(type_name: str, /, **fields: Any) -> Any:
 
 
 def sparse_message(type_name: str, /, **fields: Any) -> Any:
-    """As `message`; what is not given is zero or empty, as ROS makes messages."""
+    """As `message`; what is not given is zero or empty, as ROS makes messages, and shared by all that leave it out."""
+    return replace(_empty_message(type_name), **fields)
+
+
+@cache
+def _empty_message(type_name: str) -> Any:
     from rosbags.convert.converter import default_message
 
-    made: Any = default_message(ros2_types(), type_name)
-    return replace(made, **fields)
+    return default_message(ros2_types(), type_name)
 
 
 def encode(msg: Any) -> bytes:

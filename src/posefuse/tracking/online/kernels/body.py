@@ -181,7 +181,7 @@ def hold_depth(camera, dt, x_before, share_before, x, cov, share):
     """Take back what one camera alone did to the body's depth: its rays fit any, and small errors of it add up to metres.
 
     The body moves across the line of sight only, and its motion along it fades; the removed motion is added to the covariance.
-    Simulated people, 1.3 s before one of four cameras: who stands is 82 mm off (165 without it), who walks 613 mm (545).
+    Simulated people, 1.3 s before one of four cameras: a standing person is 82 mm off (165 without it), a walking one 613 (545).
     """
     m = len(share)
     sight, length, moved = np.empty(3), 0.0, 0.0
