@@ -25,6 +25,16 @@ SHARED = {
 }  # fmt: skip
 
 
+# where a decision is taken is found by the words that one searches for
+DECIDED_IN = {
+    "robust loss": "fusion/kernels/point.py",
+    "latency bound": "realtime/latency.py",
+    "moved camera": "health/rig_monitor.py",
+    "left/right correction": "tracking/sides.py",
+    "dead-man's switch": "posefuse_teleop/gate.py",
+}
+
+
 def shared_names(files: Iterable[Path], kinds: tuple[type, ...] = (ast.ClassDef,)) -> dict[str, list[str]]:
     """Public names that several files define, with those files; a subclass may have the name of its base."""
     found: dict[str, list[str]] = defaultdict(list)
@@ -43,6 +53,13 @@ def test_no_two_classes_share_a_name() -> None:
 
 def test_functions_share_a_name_only_where_they_share_the_idea() -> None:
     assert set(shared_names(source_files(), FUNCTIONS)) == set().union(*SHARED.values())
+
+
+def test_a_decision_is_found_by_the_words_for_it() -> None:
+    texts = {path.as_posix(): ast.get_docstring(ast.parse(path.read_text(encoding="utf-8"))) or "" for path in source_files()}
+    found = {words: [path for path, text in texts.items() if words in text.lower()] for words in DECIDED_IN}
+    assert not {words for words, place in DECIDED_IN.items() if not any(path.endswith(place) for path in found[words])}
+    assert max(map(len, found.values())) <= 6
 
 
 def test_the_check_can_fail(tmp_path: Path) -> None:

@@ -1,6 +1,6 @@
 """Latency, measured per camera and stage: counts in fixed bins, so an hour costs no more memory than a second.
 
-It is bounded by what is not waited for: `Capture.put` (`realtime.capture`) keeps the newest waiting frame of a camera alone,
+The latency bound is what is not waited for: `Capture.put` (`realtime.capture`) keeps the newest waiting frame of a camera alone,
 `Fusion.run` (`realtime.fusion_loop`) puts out each pose when it is due, without the views that are not there, and skips ticks
 that it missed, and the tracker (`tracking.online.admission`) takes no view that is older than its memory.
 """

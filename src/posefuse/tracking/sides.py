@@ -1,7 +1,8 @@
-"""Left and right over time: a limb that changes sides for a few time steps moves as no limb does, and is put right.
+"""Left/right correction over time: a limb that changes sides for a few time steps moves as no limb does, and is put right.
 
 When legs pass each other most views may confuse them at once, and then no single time step can decide. Motion can: the swinging
-foot is fast and the standing one is not, so the labelling under which all limbs keep their velocity is the right one.
+foot is fast and the standing one is not, so the labelling under which all limbs keep their velocity is the right one. Live, views
+are compared with the tracked pose (`tracking.online.kernels.rays`).
 """
 
 from __future__ import annotations
