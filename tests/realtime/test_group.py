@@ -20,9 +20,10 @@ from live_session import until
 from memory_source import Clip
 from no_outputs import NoOutputs
 
-from posefuse.core import Detections2D, Frame, Rig
+from posefuse.core import Camera, Detections2D, Frame, Rig
+from posefuse.core.depth import DepthImage, keypoint_depth
 from posefuse.core.frames import Pixels
-from posefuse.core.skeleton import PAPER14
+from posefuse.core.skeleton import COCO17, PAPER14
 from posefuse.detection.build import DetectorChoice
 from posefuse.foundation.channel import Channel
 from posefuse.realtime import capture as capture_module
@@ -289,6 +290,56 @@ def test_views_that_would_make_the_next_output_late_wait(watched, ring_rig) -> N
     fusion._listen(intake, next(now_ns) + 50_000_000)
     assert not left
     assert fusion.used["cam00"] == 5
+
+
+PERSON = built.standing()
+
+
+class SeesPerson(SeesNoPerson):
+    """Marks a person who stands still, off by 2 px again in every image."""
+
+    def __init__(self, choice: DetectorChoice, rig: Rig) -> None:
+        self.skeleton, self.rig, self.random = COCO17, rig, np.random.default_rng(6)
+
+    def detect(self, frames: list[Frame], regions: list) -> list[Detections2D]:
+        off_px = self.random.normal(0, 2.0, (len(frames), 1, *PERSON.shape[:1], 2))
+        seen = [self.rig[frame.camera].project(PERSON) for frame in frames]
+        return [built.detections(frame.camera, xy + off, frame.t_ns) for frame, xy, off in zip(frames, seen, off_px, strict=True)]
+
+
+def depth_of_person(camera: Camera) -> DepthImage:
+    """In mm, 0 where nothing is: a patch about each keypoint, as far before it as the surface of a body is."""
+    z = (camera.cam_from_world @ PERSON)[:, 2]
+    xy = camera.project(PERSON)
+    behind = keypoint_depth(np.stack([z, np.zeros(len(z))], axis=-1), camera.norm_from_px(xy), COCO17)[:, 0] - z
+    values = np.zeros(camera.size_wh[::-1], np.uint16)
+    for (x, y), surface_m in zip(xy.round().astype(int), z - behind, strict=True):
+        values[y - 6 : y + 7, x - 6 : x + 7] = round(1000 * surface_m)
+    return DepthImage(values=values)
+
+
+def test_a_depth_camera_as_the_second_of_two_side_by_side_places_the_person(ring_rig, monkeypatch: pytest.MonkeyPatch) -> None:
+    rig = Rig(ring_rig(90).cameras[:2])
+    monkeypatch.setattr(group_module, "build_detector", SeesPerson)
+    inputs = tuple(LiveInput(name, "test", Clip(size_wh=(640, 480)), False) for name in rig.names)
+    plan = replace(plan_of(rig, SessionClock.begin(), ()), inputs=inputs)
+    found, image = {}, np.zeros((480, 640, 3), np.uint8)
+    for depth in (None, depth_of_person(rig["cam01"])):
+        now = SimpleNamespace(now_ns=lambda: 102 * S)
+        fusion = Fusion(rig, warmed_up(rig, COCO17, LiveConfig(joint_centres=False)), lambda _: None, now, NoOutputs())
+        with opened(plan) as (group, ours):
+            for i in range(30):
+                t_ns = 101 * S + i * PERIOD_NS
+                frames = [built.frame(name, t_ns, image, seq=i, depth=depth if name == "cam01" else None) for name in rig.names]
+                group._look([(c, Caught(one, 0)) for c, one in zip(group._captures, frames, strict=True)], group._expected)
+            messages: list[SeenView] = list(iter(ours.receive, None))
+        assert [one.detections.depth_m is not None for one in messages] == 30 * [False, depth is not None]
+        for one in messages:
+            fusion.take(one)
+        found[depth is not None] = fusion.estimator.at(102 * S)
+    # rays that are 4 degrees apart place no person; depth alone is known to a few cm
+    assert not len(found[False].person_id)
+    assert np.median(np.linalg.norm(found[True].xyz_world[0] - PERSON, axis=-1)) < 0.05
 
 
 def test_neighbours_share_a_process_in_whatever_order_they_are_named(ring_rig) -> None:

@@ -1,6 +1,5 @@
 """`posefuse record` and `guide --record`: every frame at its own time, warnings, and nothing left of a failed start."""
 
-import itertools
 import json
 import os
 import signal
@@ -41,7 +40,6 @@ from posefuse.realtime.capture import Capture, LiveInput
 from posefuse.realtime.inputs import inputs_from_arguments
 from posefuse.realtime.video_keeping import KeptCounts, VideoKeeper, read_counts, wait_for_videos
 from posefuse.realtime.watching import CameraFeed, detail_left, exposure_warning, focus_warning
-from posefuse.sources.arriving import with_earlier
 from posefuse.sources.video import VideoConfig
 
 GOOD = np.linspace(20, 230, 48 * 64, dtype=np.uint8).reshape(48, 64, 1).repeat(3, axis=2)
@@ -206,23 +204,6 @@ def test_all_frames_after_the_session_began_are_kept(tmp_path: Path) -> None:
     counts = finished(offered(VideoKeeper(tmp_path, "cam"), range(-3, 20)), tmp_path)
     assert (counts.written, counts.dropped, counts.fault, counts.finished) == (20, 0, "", True)
     np.testing.assert_allclose(times_of(tmp_path, "cam"), np.arange(20) * 10_000_000, atol=1000)
-
-
-def test_frames_that_come_as_packets_of_the_next_one_are_not_lost(demo_session: Path, tmp_path: Path) -> None:
-    """As of a camera whose images come faster than they are decoded."""
-    video = VideoConfig(demo_session / "videos" / "cam00.mp4", "cam00", keep_encoded=True, threads=False).build()
-    made = list(itertools.islice(video.frames(), 30))
-    both = with_earlier(made[5], [(one.t_ns, one.encoded) for one in made[3:5]])
-    came = [*made[:3], replace(made[5], encoded=both), *made[6:]]
-    with CameraFeed(inputs_of(Clip("cam00", size_wh=(640, 480), plays=lambda _: iter(came)))) as feed:
-        feed.begin(tmp_path)
-        until(lambda: feed.over)
-        [state], counted = feed.states(), feed.came()
-    [counts] = read_counts(tmp_path, ["cam00"]).values()
-    assert (counts.written, counts.dropped, counts.lost, state.missing) == (30, 0, {}, 0)
-    np.testing.assert_allclose(times_of(tmp_path, "cam00"), video.times_ns()[:30], atol=1_000)
-    # of which two were not decoded; the rate that is shown is that of all
-    assert (state.captured, counted) == (28, [30])
 
 
 def test_a_slow_disk_is_not_waited_for(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

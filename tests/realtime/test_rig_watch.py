@@ -255,6 +255,12 @@ def test_what_cannot_be_known_is_not_reported(truth: Truth, views: ViewSequence)
     assert alone.find() is None
 
 
+def test_seconds_in_which_no_keypoint_is_sure_end_nothing(truth: Truth, views: ViewSequence) -> None:
+    unsure = replace(views, score=np.where(np.arange(len(views.score))[:, None, None, None] < 150, 0.01, views.score))
+    late_s = late_of(truth, unsure, MACHINES_S, 24.0)
+    assert late_s[[1, 3]].mean() - late_s[[0, 2]].mean() == pytest.approx(0.05, abs=0.005)
+
+
 def test_a_clock_that_is_set_is_followed(truth: Truth, views: ViewSequence) -> None:
     late_s = late_of(truth, views, lambda t_s: 0.03 * np.eye(4)[2] * (t_s > 20), 50.0)
     assert late_s[2] - late_s[[0, 1, 3]].mean() == pytest.approx(0.03, abs=0.012)

@@ -59,7 +59,6 @@ class EncodedFrame:
         packets: all that the decoder was given since the frame before; the frame's own is among these or earlier ones.
         number: how many packets the stream had before these: where some are missing, the next ones cannot be decoded.
         reorder_depth: most packets that precede another one and are shown after it; 0 where the orders are the same.
-        earlier: (ns before this frame, frame) of those that were left out since the last one, oldest first.
         header: an .mp4 without frames that has the stream's parameters.
     """
 
@@ -68,7 +67,6 @@ class EncodedFrame:
     number: int
     reorder_depth: int
     header: bytes
-    earlier: tuple[tuple[int, EncodedFrame], ...] = ()
 
 
 class _Image:

@@ -87,7 +87,7 @@ class _Watch:
     reported_ns: int | None = None
     flooding_ns: int = -(10**18)
     flood_hz: float = 0.0
-    before: tuple[int, int, int] = (0, 0, 0)
+    before: tuple[int, int, int, int] = (0, 0, 0, 0)
     counted_ns: int = 0
     counted: int = 0
     share_of: tuple[int, int, int] = (0, 0, 0)
@@ -150,8 +150,8 @@ class Monitor:
             watch.came_ns = now_ns
         if state.captured < last.captured:
             # its process was started again and counts from 0
-            captured, replaced, missing = watch.before
-            watch.before = captured + last.captured, replaced + last.replaced, missing + last.missing
+            captured, used, replaced, missing = watch.before
+            watch.before = captured + last.captured, used + last.used, replaced + last.replaced, missing + last.missing
         watch.source = state
 
     def judge(
@@ -184,10 +184,11 @@ class Monitor:
     def source(self, camera: str) -> CameraState:
         """The newest status of the camera's process, with counts over all processes it has had."""
         watch = self._watches[camera]
-        captured, replaced, missing = watch.before
+        captured, used, replaced, missing = watch.before
         return replace(
             watch.source,
             captured=watch.source.captured + captured,
+            used=watch.source.used + used,
             replaced=watch.source.replaced + replaced,
             missing=watch.source.missing + missing,
         )

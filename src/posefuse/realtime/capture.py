@@ -92,7 +92,7 @@ class Capture:
         self._source: Source | None = None
         self._stop = threading.Event()
         self._state, self._text = "opening", ""
-        self._captured = self._earlier = self._used = self._replaced = self._missing = 0
+        self._captured = self._used = self._replaced = self._missing = 0
         self._thread: threading.Thread | None = None
 
     def open(self) -> None:
@@ -137,11 +137,6 @@ class Capture:
             replaced=self._replaced,
             missing=self._missing,
         )
-
-    @property
-    def came(self) -> int:
-        """Frames that reached the process, with those that came as packets alone, for a video."""
-        return self._captured + self._earlier
 
     def video_fault(self) -> str:
         """Why its video ended early; empty while all is well, or none is kept."""
@@ -195,10 +190,8 @@ class Capture:
                 now = frame.pixels.brightness(SAMPLE_STEP).tobytes()
                 still = still + 1 if now == before else 0
                 before = now
-                # those that come as packets of the next one are not missing
-                earlier = len(frame.encoded.earlier) if frame.encoded else 0
-                missing = max(0, frame.seq - earlier - seq - 1) if seq is not None else 0
-                self._missing, self._earlier = self._missing + missing, self._earlier + earlier
+                missing = max(0, frame.seq - seq - 1) if seq is not None else 0
+                self._missing += missing
                 seq = frame.seq
                 self._state, self._text = "running", ""
                 caught = Caught(frame, still, shift_ns)

@@ -12,7 +12,6 @@ from posefuse.core.protocols import NOISE_NOT_FITTED
 from posefuse.health.camera_monitor import OK, Event
 
 from .fusion_loop import Fusion
-from .messages import Status
 from .outputs import PROCESS
 
 Say = Callable[[str], None]
@@ -20,7 +19,7 @@ Say = Callable[[str], None]
 _QUIET_NS = 10_000_000_000
 T = TypeVar("T")
 # a sentence is due when a smaller share of the images is processed over this time
-LEAST_SHARE, _OVER_S = 0.5, 10.0
+LEAST_SHARE, _OVER_NS = 0.5, 10_000_000_000
 # that see a person, before it has a place
 LEAST_CAMERAS = 2
 _MOST_LINES = 1000
@@ -28,10 +27,26 @@ _END_S = 2.0
 
 
 class News:
-    """Reports what is new; times are given from `zero_ns`, session time. `notices`: of where views come from."""
+    """Reports what is new; times are given from `zero_ns`, session time.
 
-    def __init__(self, fusion: Fusion, zero_ns: int, say: Say, notices: Callable[[], Iterable[str]] = tuple) -> None:
+    Args:
+        notices: of where views come from.
+        smaller: network to use where this machine is too slow, empty where there is none. None: views are of other machines.
+    """
+
+    def __init__(
+        self,
+        fusion: Fusion,
+        zero_ns: int,
+        say: Say,
+        notices: Callable[[], Iterable[str]] = tuple,
+        smaller: str | None = None,
+    ) -> None:
         self._fusion, self._zero_ns, self._say, self._notices = fusion, zero_ns, say, notices
+        # None, too, when a machine that is too slow was reported
+        self._smaller = smaller
+        # when images were counted last; how many had come, and how many of them were processed
+        self._counted_ns, self._came, self._used = zero_ns, 0, 0
         self._cameras_said = self._outputs_said = 0
         self._trouble = ""
         self._noise_scale: float | None = None
@@ -46,6 +61,7 @@ class News:
         for camera in _newest(monitor.events, monitor.event_count - self._cameras_said):
             self._camera_waits[camera.name] = camera
         self._report_cameras(now_ns)
+        self._report_pace(now_ns)
         for output in _newest(outlets.events, outlets.event_count - self._outputs_said):
             who = "outputs" if output.name == PROCESS else f"output {output.name}"
             self._say_at(output.t_ns, f"{who}: {output.state}", output.text)
@@ -71,6 +87,19 @@ class News:
                 self._say_at(event.t_ns, f"camera {name}: {event.state}", event.text)
                 self._camera_troubled |= {name} if event.state not in (OK, "opening") else set()
 
+    def _report_pace(self, now_ns: int) -> None:
+        if self._smaller is None or now_ns - self._counted_ns < _OVER_NS:
+            return
+        sources = [self._fusion.monitor.source(name) for name in self._fusion.rig.names]
+        all_came, all_used = sum(source.captured for source in sources), sum(source.used for source in sources)
+        came, used = all_came - self._came, all_used - self._used
+        self._counted_ns, self._came, self._used = now_ns, all_came, all_used
+        if used < LEAST_SHARE * came:
+            other = f"`networks={self._smaller}`, " if self._smaller else ""
+            self._smaller = None
+            what = f"this computer processes {used / came:.0%} of the images"
+            self._say_at(now_ns, what, f"use {other}fewer cameras, or cameras at a lower frame rate")
+
     def _say_at(self, t_ns: int, what: str, why: str) -> None:
         self._say(f"{(t_ns - self._zero_ns) / 1e9:6.2f} s  {what}{': ' + why if why else ''}")
 
@@ -78,40 +107,6 @@ class News:
 def _newest(events: Iterable[T], count: int) -> list[T]:
     # asked for every few milliseconds: mostly there is nothing
     return list(events)[-count:] if count else []
-
-
-class ProcessedImages:
-    """How many of the images that the cameras deliver are processed; frames of a process that starts again count on."""
-
-    def __init__(self) -> None:
-        self._last: dict[str, tuple[int, int]] = {}
-        self._came = self._used = 0
-        self._since: tuple[float, int, int] | None = None
-        self._reported = False
-
-    def news(self, status: Status, now_s: float, smaller_network: Callable[[], str]) -> str:
-        """Take in what a process reports at a time: the sentence about a machine that is too slow, once; else empty.
-
-        `smaller_network`: names one that is installed, for that sentence; empty where there is none.
-        """
-        for state in status.cameras:
-            captured, used = self._last.get(state.camera, (0, 0))
-            self._came += state.captured - captured if state.captured >= captured else state.captured
-            self._used += state.used - used if state.used >= used else state.used
-            self._last[state.camera] = state.captured, state.used
-        if self._since is None:
-            self._since = now_s, self._came, self._used
-        began_s, came, used = self._since
-        if now_s - began_s < _OVER_S:
-            return ""
-        share = (self._used - used) / max(self._came - came, 1)
-        slow = self._came > came and share < LEAST_SHARE
-        self._since = now_s, self._came, self._used
-        if not slow or self._reported:
-            return ""
-        self._reported = True
-        smaller = f"`networks={name}`, " if (name := smaller_network()) else ""
-        return f"this computer processes {share:.0%} of the images: use {smaller}fewer cameras, or cameras at a lower frame rate"
 
 
 @contextmanager

@@ -5,18 +5,15 @@ from __future__ import annotations
 import time
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import partial
 from typing import Any, Self
 
 from posefuse.core import CameraHealth, LiveJointCentres, Skeleton, SourceError
-from posefuse.detection.choosing import smaller_network
 from posefuse.foundation.channel import Channel
 from posefuse.foundation.platform import processor_s
 from posefuse.foundation.worker import Worker
 
 from .group import GroupPlan, run_group
 from .messages import CannotStart, Expected, Go, KeepVideos, Ready, SessionClock, ShowImages, Status, Stop
-from .notices import ProcessedImages
 from .video_keeping import FINISH_S
 
 START_S = 120.0
@@ -72,7 +69,6 @@ class Groups:
         for member in self._members:
             member.worker.start(member.plan)
         self._notices: list[str] = []
-        self._processed = ProcessedImages()
 
     def __enter__(self) -> Self:
         return self
@@ -185,7 +181,7 @@ class Groups:
             member.worker.send(request, 0.1)
 
     def notices(self) -> list[str]:
-        """Videos that ended early, and that this machine is too slow, each once."""
+        """Videos that ended early, each once."""
         new, self._notices = self._notices, []
         return new
 
@@ -228,9 +224,6 @@ class Groups:
                     new = message.video_faults.items() - member.video_faults.items()
                     self._notices += [f"video {camera}: failed: {fault}" for camera, fault in sorted(new)]
                     member.video_faults = message.video_faults
-                    options = member.plan.detector.options
-                    smaller = partial(smaller_network, str(options.get("landmarks", options.get("card", ""))))
-                    self._notices += filter(None, [self._processed.news(message, worker.received_s, smaller)])
                 yield message
         # loading modules and networks takes a slow machine as long as it takes; ended for that, it would never begin
         if worker.running and _hangs(member):

@@ -119,9 +119,6 @@ class VideoKeeper:
 
     def offer(self, image: Pixels | EncodedFrame, t_ns: int) -> None:
         """A frame of time `t_ns` since the session's zero; dropped and counted where there is no room."""
-        if isinstance(image, EncodedFrame):
-            for before_ns, earlier in image.earlier:
-                self.offer(earlier, t_ns - before_ns)
         if t_ns < 0:
             return
         if self._take_room(-_bytes_of(image)):

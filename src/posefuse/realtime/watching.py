@@ -166,7 +166,7 @@ class CameraFeed(Closing):
             over = over or (duration_s is not None and self.seconds() >= duration_s)
             news: tuple[CameraNews, ...] = ()
             if since_s >= _REPORT_EVERY_S and not over:
-                before, counts, reported = counts, self.came(), reported + since_s
+                before, counts, reported = counts, [state.captured for state in self.states()], reported + since_s
                 rates = [(now - then) / since_s for now, then in zip(counts, before, strict=True)]
                 news = _news(self.states(), rates, found)
             yield frames, news
@@ -198,10 +198,6 @@ class CameraFeed(Closing):
     def states(self) -> tuple[CameraState, ...]:
         """Status of each camera."""
         return tuple(capture.state() for capture in self._captures)
-
-    def came(self) -> list[int]:
-        """Frames of each camera so far, those that are kept without being decoded included."""
-        return [capture.came for capture in self._captures]
 
     def counts(self) -> dict[str, KeptCounts]:
         """What the videos hold by camera, when they are finished; empty where none were kept."""

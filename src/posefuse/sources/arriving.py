@@ -4,13 +4,11 @@ from __future__ import annotations
 
 import io
 import re
-from collections.abc import Iterator, Sequence
-from dataclasses import replace
+from collections.abc import Iterator
 from typing import Any
 
 import av
 
-from posefuse.core import Frame
 from posefuse.core.frames import EncodedFrame, Packet
 
 # codecs whose packets are written to an .mp4 unchanged
@@ -75,14 +73,6 @@ def _with_lengths(data: bytes) -> bytes:
 def _stamp_ns(timed: Any) -> int:
     stamp_ns: int = round(timed.pts * timed.time_base * 1_000_000_000)
     return stamp_ns
-
-
-def with_earlier(frame: Frame, left_out: Sequence[tuple[int, EncodedFrame | None]]) -> EncodedFrame | None:
-    """The frame as it was encoded, with those that were left out since the last one: their times and what they were."""
-    if frame.encoded is None:
-        return None
-    earlier = tuple((frame.t_ns - t_ns, encoded) for t_ns, encoded in left_out if encoded is not None)
-    return replace(frame.encoded, earlier=earlier)
 
 
 def decoded_with_packets(container: Any, stream: Any, keep_encoded: bool) -> Iterator[tuple[Any, EncodedFrame | None]]:

@@ -6,7 +6,7 @@ import dataclasses
 import itertools
 import time
 from bisect import bisect_left, bisect_right
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from contextlib import suppress
 from dataclasses import dataclass
 from datetime import UTC, datetime
@@ -25,7 +25,7 @@ from posefuse.core.arrays import Array
 from posefuse.core.frames import EncodedFrame
 from posefuse.formats.video import DecodedPixels, PixelConverter
 
-from .arriving import PendingPackets, with_earlier
+from .arriving import PendingPackets
 
 VIDEO_SUFFIXES = (".mp4", ".mkv", ".mov", ".avi", ".webm", ".m4v", ".mpg", ".mpeg", ".ts", ".mts", ".m2ts")
 
@@ -289,10 +289,8 @@ def listed_frames(container: av.container.InputContainer) -> ListedFrames:
     return ListedFrames(sorted(ticks), dict(sorted(keys.items())), max(stated, 0), timed, base_s, anywhere)
 
 
-# decoding takes time, too; the first frame may be this late, because its successor is unknown
-_SLACK_NS, _FIRST_NS = 15_000_000, 100_000_000
-# a computer that is too slow for the file is given a frame late then
-_LONGEST_GAP_S = 1.0
+# one that begins so much after its zero has missed frames; before, it shows all
+_LATE_NS = 1_000_000_000
 
 
 @dataclass(frozen=True)
@@ -319,7 +317,7 @@ class PacedVideoConfig:
 
 
 class PacedVideoSource:
-    """Frames of a video file at their times; one that could not be decoded before the next was due may be left out."""
+    """Frames of a video file at their times; a computer that is too slow for the file gives them late."""
 
     def __init__(self, config: PacedVideoConfig) -> None:
         self._config = config
@@ -332,29 +330,12 @@ class PacedVideoSource:
     def frames(self) -> Iterator[Frame]:
         """Frames in time order; `received_ns` is when a frame was handed on, on the file's own clock."""
         zero_ns = self._config.zero_ns if self._config.zero_ns is not None else time.monotonic_ns()
-        period_ns, before_ns, given_s = _FIRST_NS, None, time.monotonic()
-        frame: Frame | None = None
-        left_out: list[tuple[int, EncodedFrame | None]] = []
-        for frame in self._video.frames():
-            period_ns = frame.t_ns - before_ns if before_ns is not None else period_ns
-            before_ns = frame.t_ns
-            now_ns = time.monotonic_ns() - zero_ns
-            if now_ns > frame.t_ns + period_ns + _SLACK_NS and time.monotonic() - given_s < _LONGEST_GAP_S:
-                left_out.append((frame.t_ns, frame.encoded))
-                continue
-            time.sleep(max(0, frame.t_ns - now_ns) / 1e9)
-            given_s = time.monotonic()
-            yield _given(frame, left_out, zero_ns)
-            left_out = []
-        # there is no other that the packets of the last one could go with
-        if frame is not None and left_out:
-            yield _given(frame, left_out[:-1], zero_ns)
+        late_ns = time.monotonic_ns() - zero_ns
+        # a process that was started again continues where the others are
+        for frame in self._video.frames_from(late_ns) if late_ns > _LATE_NS else self._video.frames():
+            time.sleep(max(0, zero_ns + frame.t_ns - time.monotonic_ns()) / 1e9)
+            yield dataclasses.replace(frame, image=frame.pixels, received_ns=time.monotonic_ns() - zero_ns)
 
     def close(self) -> None:
         """Nothing stays open between calls of `frames`."""
         self._video.close()
-
-
-def _given(frame: Frame, left_out: Sequence[tuple[int, EncodedFrame | None]], zero_ns: int) -> Frame:
-    received_ns = time.monotonic_ns() - zero_ns
-    return dataclasses.replace(frame, image=frame.pixels, received_ns=received_ns, encoded=with_earlier(frame, left_out))
