@@ -51,7 +51,7 @@ def no_pip(monkeypatch):
 
 def test_the_cards_that_come_with_the_package_are_complete():
     cards = {card.name: card for card in list_cards() if not isinstance(card, OnnxCard)}
-    assert set(cards) == {"blazepose_lite", "blazepose_full", "blazepose_heavy", "blazepose_persons"}
+    assert set(cards) == {"blazepose_lite", "blazepose_full", "blazepose_heavy", "blazepose_best", "blazepose_persons"}
     for card in cards.values():
         assert len(card.sha256) == 64 and card.licence and card.summary
         assert card.source.member.endswith(card.file_name)
