@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import field, replace
-from functools import partial
 from pathlib import Path
 from typing import Annotated
 
@@ -17,14 +16,17 @@ from posefuse.foundation.platform import default_cache_dir, usable_cores
 from posefuse.foundation.settings import settings
 
 from .card import BLAZEPOSE_PERSONS, LandmarkCard, NetworkCard, PersonCard, read_card
-from .crops import Crops, img_from_crop, region_from_keypoints
+from .crops import Crops, img_from_crop
 from .decode import landmarks_from_outputs
 from .device import Device, Precision, openvino_device
 from .engines import BlazePoseNetwork
 from .files import fetch_all
-from .networks import LEAST_PRESENCE, DetectedPerson, NetworkDetector
+from .networks import CropDetector, DetectedPerson
 from .noise import landmark_noise_features, read_noise
 from .search import SquareFinder
+
+# of a look at one person; below it the keypoints carry no information
+_LEAST_PRESENCE = 0.5
 
 
 class LandmarkNetwork:
@@ -66,7 +68,7 @@ def averaged(looks: Sequence[DetectedPerson]) -> DetectedPerson:
     The errors of one network in both are correlated, so the average is not more certain than its parts; what they
     disagree by is added to its variance. Looks that see no person are left out, unless none sees any person.
     """
-    counted = [look for look in looks if look.presence >= LEAST_PRESENCE] or list(looks)
+    counted = [look for look in looks if look.presence >= _LEAST_PRESENCE] or list(looks)
     if len(counted) == 1:
         return counted[0]
     xy, variance = np.stack([look.xy for look in counted]), np.stack([look.sigma_px for look in counted]) ** 2
@@ -123,7 +125,7 @@ def default_cards() -> list[NetworkCard]:
     return list(BlazePoseConfig().cards())
 
 
-class BlazePoseDetector(NetworkDetector):
+class BlazePoseDetector(CropDetector):
     """People by a person network and a landmark network.
 
     Args:
@@ -131,35 +133,22 @@ class BlazePoseDetector(NetworkDetector):
     """
 
     def __init__(self, landmarks: LandmarkNetwork, finder: SquareFinder, up_rad: Mapping[str, float]) -> None:
-        super().__init__(landmarks.skeleton, landmarks.card.joint_centres_file)
-        self._landmarks, self._finder, self._up_rad = landmarks, finder, up_rad
+        super().__init__(landmarks.skeleton, landmarks.card.joint_centres_file, up_rad)
+        self._landmarks, self._finder = landmarks, finder
 
-    def _found(self, frames: Sequence[Frame]) -> list[list[DetectedPerson]]:
-        looked_at = self._given(list(zip(frames, self._search(frames), strict=True)))
-        return [[person for person in people if person.score.any()] for people in looked_at]
-
-    def _given(self, asked: Sequence[tuple[Frame, Sequence[Region]]]) -> list[list[DetectedPerson]]:
-        looks = iter(self._look([(frame, region) for frame, regions in asked for region in regions]))
-        missing = DetectedPerson.missing(len(self.skeleton))
-        return [[look if (look := next(looks)).presence >= LEAST_PRESENCE else missing for _ in regions] for _, regions in asked]
-
-    def _search(self, frames: Sequence[Frame]) -> list[list[Region]]:
-        """Where people are in whole images, by what one look of the landmark network confirms."""
-        found = self._in_stages(frames, self._finder, self._up_rad, partial(self._look, thoroughly=False))
-        return [[region for one in people if (region := region_from_keypoints(one.xy, self.skeleton))] for people in found]
-
-    def _look(self, people: Sequence[tuple[Frame, Region]], thoroughly: bool = True) -> list[DetectedPerson]:
-        """Landmarks of each person in raw px; if not `thoroughly`, by one look even where the card asks for two."""
-        if not people:
+    def _look(self, crops: Sequence[tuple[Frame, Region]]) -> list[DetectedPerson]:
+        if not crops:
             return []
         side = self._landmarks.network.side_px
-        crops = Crops([(frame.image, region) for frame, region in people], side)
-        looks = self._landmarks.look(crops)
-        if thoroughly and self._landmarks.card.mirrored:
-            looks = [averaged(both) for both in zip(looks, self._landmarks.look_in_mirror(crops), strict=True)]
-        return [_in_image(look, region, side) for look, (_, region) in zip(looks, people, strict=True)]
+        inputs = Crops([(frame.image, region) for frame, region in crops], side)
+        looks = self._landmarks.look(inputs)
+        if self._landmarks.card.mirrored:
+            looks = [averaged(both) for both in zip(looks, self._landmarks.look_in_mirror(inputs), strict=True)]
+        return [_in_image(look, region, side) for look, (_, region) in zip(looks, crops, strict=True)]
 
 
 def _in_image(look: DetectedPerson, region: Region, side_px: int) -> DetectedPerson:
-    """The same in raw px instead of crop px."""
+    """The same in raw px instead of crop px; no person where it hardly shows one."""
+    if look.presence < _LEAST_PRESENCE:
+        return DetectedPerson.missing(len(look.xy))
     return replace(look, xy=img_from_crop(region, side_px, look.xy), sigma_px=look.sigma_px * region.side_px / side_px)
