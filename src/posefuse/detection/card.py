@@ -279,7 +279,7 @@ def persons_card(card: NetworkCard) -> NetworkCard | None:
 
 def needed_cards(name: str | Path) -> list[NetworkCard]:
     """The networks that work together under a name: a network, and what finds people for it."""
-    card = read_card(name)
+    card: NetworkCard = read_card(name)
     persons = persons_card(card)
     return [card] if persons is None else [card, persons]
 
