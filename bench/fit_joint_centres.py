@@ -23,7 +23,7 @@ from scenes import walk
 
 from posefuse.core import JointCentres, PoseSequence, Truth
 from posefuse.core.skeleton import SIDES, pick_keypoints
-from posefuse.detection.card import Card, read_card
+from posefuse.detection.card import NetworkCard, read_card
 from posefuse.evaluation.metrics import true_xyz_at
 from posefuse.formats.joint_centres import joint_centres_text, read_joint_centres
 from posefuse.tracking import to_joint_centres
@@ -139,7 +139,7 @@ def fit(folders: list[Path], card_name: str, only: tuple[str, ...]) -> dict[str,
 
 def write_card(card_name: str, table: JointCentres, only: tuple[str, ...], bodies: int) -> None:
     """Write the table of a card; with `only`, the other joints stay as the card has them."""
-    card = read_card(card_name, Card)
+    card: NetworkCard = read_card(card_name)
     path = card.folder / f"{card.name}.joint_centres.toml"
     if only:
         before = read_joint_centres(path)

@@ -180,8 +180,8 @@ def changes_of(*words: str) -> dict[str, Any]:
     return changes
 
 
-def test_a_name_or_an_ensemble_stays_with_the_default_detector_and_does_not_come_back(tmp_path: Path) -> None:
-    (tmp_path / "both.toml").write_text('kind = "landmark_ensemble"\n')
+def test_a_name_or_a_card_of_blazepose_stays_with_the_default_detector_and_does_not_come_back(tmp_path: Path) -> None:
+    (tmp_path / "both.toml").write_text('kind = "heatmap_landmarks"\n')
     for name in ("blazepose_lite", str(tmp_path / "both.toml")):
         assert changes_of("--networks", name) == {"detector.options.landmarks": name}
     assert changes_of() == {}

@@ -10,7 +10,7 @@ from checks import refusal
 from posefuse.core import ConfigError, Detector, Frame, ModelError, Region, ShapeError
 from posefuse.detection import BlazePoseConfig, region_from_keypoints
 from posefuse.detection.blazepose import averaged
-from posefuse.detection.card import Card, PersonCard, read_card
+from posefuse.detection.card import CARDS_FOLDER, PersonCard, read_card
 from posefuse.detection.engines import BlazePoseNetwork
 from posefuse.detection.networks import DetectedPerson
 from posefuse.sources import VideoConfig
@@ -118,9 +118,10 @@ def test_a_mirrored_image_gives_the_mirrored_man(detector, frame, seen):
     assert np.median(np.abs(off)) < 2.5
 
 
-def test_an_ensemble_that_looks_in_the_mirror_knows_no_left_and_right(tmp_path, frame, seen):
-    card = tmp_path / "both.toml"
-    card.write_text('kind = "landmark_ensemble"\nsummary = ""\nmembers = ["blazepose_full"]\nmirrored = true\n')
+def test_a_network_that_also_looks_in_the_mirror_knows_no_left_and_right(tmp_path, frame, seen):
+    card, lines = tmp_path / "both.toml", (CARDS_FOLDER / "blazepose_full.toml").read_text().splitlines(keepends=True)
+    card.write_text("mirrored = true\n" + "".join(line for line in lines if not line.startswith("joint_centres")))
+    (tmp_path / "blazepose_full.noise.toml").write_text((CARDS_FOLDER / "blazepose_full.noise.toml").read_text())
     detector = BlazePoseConfig(landmarks=str(card)).build()
     assert detector.joint_centres is None
     there = region_from_keypoints(seen.xy_img[0], detector.skeleton)
@@ -146,13 +147,12 @@ def test_looks_are_averaged_by_their_certainty_and_disagreement_is_doubt():
     assert both.presence == pytest.approx(0.85)
 
 
-def test_an_ensemble_is_not_a_network(tmp_path):
+def test_what_is_no_landmark_network_is_refused(tmp_path):
     card = tmp_path / "both.toml"
-    card.write_text('kind = "landmark_ensemble"\nsummary = ""\nmembers = []\nmirrored = true\n')
-    refusal(ConfigError, "members", read_card, card, Card)
-    card.write_text(card.read_text().replace("[]", '["blazepose_full", "blazepose_persons"]'))
-    refusal(ModelError, "expected one network, got landmark_ensemble", read_card, card)
-    refusal(ModelError, "expected kind heatmap_landmarks, got person_ssd", lambda: BlazePoseConfig(landmarks=str(card)).build())
+    card.write_text('kind = "landmark_ensemble"\n')
+    refusal(ConfigError, "kind", read_card, card)
+    finder = BlazePoseConfig(landmarks="blazepose_persons")
+    refusal(ModelError, "expected kind heatmap_landmarks, got person_ssd", finder.build)
 
 
 def test_misuse_is_an_error(detector, frame):

@@ -125,8 +125,8 @@ def test_people_are_searched_for_in_the_images_of_all_cameras_in_one_call(tmp_pa
     detector = OnnxConfig(card=str(discs.card_of("simcc", tmp_path)), device="cuda", up_rad={"empty": 1.0}).build()
     real.batches.clear()
     together = detector.detect([*frames, empty], [None] * 5)
-    # where people may be, who they are; and again where no person was found, the other way up
-    assert real.batches == [8, 4, 1]
+    # where people may be, who they are; again where no person was found, the other way up; and once more where people are
+    assert real.batches == [8, 4, 1, 4]
     for frame, found in zip([*frames, empty], together, strict=True):
         (alone,) = detector.detect([frame], [None])
         assert len(alone) == len(found) == (frame is not empty)

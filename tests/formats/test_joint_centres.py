@@ -9,7 +9,7 @@ import pytest
 from checks import refusal
 
 from posefuse.core import ConfigError, JointCentres, ShapeError
-from posefuse.detection.card import Card, read_card
+from posefuse.detection.card import read_card
 from posefuse.formats.joint_centres import joint_centres_from_mapping, joint_centres_text, read_joint_centres
 
 TABLE = JointCentres(
@@ -29,7 +29,7 @@ def test_a_table_is_read_as_it_was_written(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("card", ["blazepose_lite", "blazepose_full", "blazepose_heavy", "blazepose_best"])
 def test_the_tables_of_the_package_are_as_the_fit_writes_them(card: str) -> None:
-    path = read_card(card, Card).joint_centres_file
+    path = read_card(card).joint_centres_file
     table = read_joint_centres(path)
     assert joint_centres_text(table) == path.read_text(encoding="utf-8")
     assert table.made_by.startswith(f"{card}, fitted to 40 simulated bodies") and len(table.made_by) < 70

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import field, replace
-from functools import partial
 from pathlib import Path
 from typing import Annotated
 
@@ -16,19 +15,22 @@ from posefuse.core.arrays import Array
 from posefuse.foundation.platform import default_cache_dir, usable_cores
 from posefuse.foundation.settings import settings
 
-from .card import BLAZEPOSE_PERSONS, Card, EnsembleCard, LandmarkCard, NetworkCard, PersonCard, read_card
-from .crops import Crops, img_from_crop, region_from_keypoints
+from .card import BLAZEPOSE_PERSONS, LandmarkCard, NetworkCard, PersonCard, read_card
+from .crops import Crops, img_from_crop
 from .decode import landmarks_from_outputs
 from .device import Device, Precision, openvino_device
 from .engines import BlazePoseNetwork
 from .files import fetch_all
-from .networks import LEAST_PRESENCE, DetectedPerson, NetworkDetector
+from .networks import CropDetector, DetectedPerson
 from .noise import landmark_noise_features, read_noise
 from .search import SquareFinder
 
+# of a look at one person; below it the keypoints carry no information
+_LEAST_PRESENCE = 0.5
+
 
 class LandmarkNetwork:
-    """A landmark network, compiled, the noise model fitted to it, and the skeleton it marks."""
+    """A landmark network, compiled, its card, the noise model fitted to it, and the skeleton it marks."""
 
     def __init__(self, card: LandmarkCard, file: Path, precision: Precision, streams: int, device: Device) -> None:
         decoding = card.decoding
@@ -36,7 +38,7 @@ class LandmarkNetwork:
         self.network = BlazePoseNetwork(file, outputs, card.input, precision, streams, device)
         if card.noise_file is None:
             raise ConfigError(f"{card.name}: a network of BlazePose's layout needs a noise model: `noise = FILE` in its card")
-        self.noise, self.skeleton = read_noise(card.noise_file), card.skeleton
+        self.card, self.noise, self.skeleton = card, read_noise(card.noise_file), card.skeleton
 
     def look(self, crops: Sequence[Array]) -> list[DetectedPerson]:
         """One look at each crop (side, side, 3) uint8."""
@@ -63,10 +65,10 @@ class LandmarkNetwork:
 def averaged(looks: Sequence[DetectedPerson]) -> DetectedPerson:
     """One look from several at the same crop, weighted by 1/sigma^2.
 
-    Networks trained on the same images have correlated errors, so the average is not more certain than its parts; what they
+    The errors of one network in both are correlated, so the average is not more certain than its parts; what they
     disagree by is added to its variance. Looks that see no person are left out, unless none sees any person.
     """
-    counted = [look for look in looks if look.presence >= LEAST_PRESENCE] or list(looks)
+    counted = [look for look in looks if look.presence >= _LEAST_PRESENCE] or list(looks)
     if len(counted) == 1:
         return counted[0]
     xy, variance = np.stack([look.xy for look in counted]), np.stack([look.sigma_px for look in counted]) ** 2
@@ -86,7 +88,7 @@ class BlazePoseConfig:
     """BlazePose by OpenVINO.
 
     Attributes:
-        landmarks: model card by name, or a TOML file of your own; it may be an ensemble.
+        landmarks: model card by name, or a TOML file of your own.
         device: processor: ``auto`` and ``cpu`` are the CPU; ``openvino:gpu``, ``openvino:npu``.
         precision: of the CPU; ``auto`` is bf16 where it computes that natively.
         streams: images worked on at once; 0: one per core.
@@ -100,10 +102,9 @@ class BlazePoseConfig:
     streams: Annotated[int, Ge(0)] = 0
     up_rad: dict[str, float] = field(default_factory=dict)
 
-    def cards(self) -> list[NetworkCard]:
-        """Of the networks that it needs."""
-        persons, _, members = self._cards()
-        return [persons, *members]
+    def cards(self) -> tuple[PersonCard, LandmarkCard]:
+        """Of the networks that it needs: for people, and for landmarks."""
+        return read_card(BLAZEPOSE_PERSONS, PersonCard), read_card(self.landmarks, LandmarkCard)
 
     def fetch(self, progress: Progress = silent) -> list[Path]:
         """The network files, fetched where they are missing; see `fetch_all` for what is reported and raised."""
@@ -112,71 +113,42 @@ class BlazePoseConfig:
 
     def build(self) -> BlazePoseDetector:
         """Fetch what is missing, compile, and be ready; raises ModelError when a network cannot be had."""
-        persons, chosen, members = self._cards()
-        files = self.fetch()
+        persons, card = self.cards()
+        persons_file, file = self.fetch()
         machine = self.precision, self.streams or usable_cores(), openvino_device(self.device)
-        return BlazePoseDetector(
-            chosen,
-            SquareFinder(persons, files[0], *machine),
-            [LandmarkNetwork(card, file, *machine) for card, file in zip(members, files[1:], strict=True)],
-            self.up_rad,
-        )
-
-    def _cards(self) -> tuple[PersonCard, Card, list[LandmarkCard]]:
-        """Of the person network, of what was chosen for landmarks, and of the landmark networks in it."""
-        chosen = read_card(self.landmarks, Card)
-        members = chosen.member_cards() if isinstance(chosen, EnsembleCard) else [read_card(self.landmarks, LandmarkCard)]
-        return read_card(BLAZEPOSE_PERSONS, PersonCard), chosen, members
+        finder = SquareFinder(persons, persons_file, *machine)
+        return BlazePoseDetector(LandmarkNetwork(card, file, *machine), finder, self.up_rad)
 
 
 def default_cards() -> list[NetworkCard]:
     """The networks used when no one chooses others."""
-    return BlazePoseConfig().cards()
+    return list(BlazePoseConfig().cards())
 
 
-class BlazePoseDetector(NetworkDetector):
-    """People by a person network and one or several landmark networks.
+class BlazePoseDetector(CropDetector):
+    """People by a person network and a landmark network.
 
     Args:
-        card: chosen for landmarks. finder: of people in whole images. landmarks: networks that look at the same crops.
-        up_rad: per camera, see `BlazePoseConfig`.
+        landmarks: the network. finder: of people in whole images. up_rad: per camera, see `BlazePoseConfig`.
     """
 
-    def __init__(
-        self, card: Card, finder: SquareFinder, landmarks: Sequence[LandmarkNetwork], up_rad: Mapping[str, float]
-    ) -> None:
-        super().__init__(landmarks[0].skeleton, card.joint_centres_file)
-        self._finder, self._landmarks, self._up_rad = finder, landmarks, up_rad
-        self._mirrored = isinstance(card, EnsembleCard) and card.mirrored
-        self._side_px = landmarks[0].network.side_px
+    def __init__(self, landmarks: LandmarkNetwork, finder: SquareFinder, up_rad: Mapping[str, float]) -> None:
+        super().__init__(landmarks.skeleton, landmarks.card.joint_centres_file, up_rad)
+        self._landmarks, self._finder = landmarks, finder
 
-    def _found(self, frames: Sequence[Frame]) -> list[list[DetectedPerson]]:
-        looked_at = self._given(list(zip(frames, self._search(frames), strict=True)))
-        return [[person for person in people if person.score.any()] for people in looked_at]
-
-    def _given(self, asked: Sequence[tuple[Frame, Sequence[Region]]]) -> list[list[DetectedPerson]]:
-        looks = iter(self._look([(frame, region) for frame, regions in asked for region in regions]))
-        missing = DetectedPerson.missing(len(self.skeleton))
-        return [[look if (look := next(looks)).presence >= LEAST_PRESENCE else missing for _ in regions] for _, regions in asked]
-
-    def _search(self, frames: Sequence[Frame]) -> list[list[Region]]:
-        """Where people are in whole images, by what the first landmark network confirms."""
-        found = self._in_stages(frames, self._finder, self._up_rad, partial(self._look, thoroughly=False))
-        return [[region for one in people if (region := region_from_keypoints(one.xy, self.skeleton))] for people in found]
-
-    def _look(self, people: Sequence[tuple[Frame, Region]], thoroughly: bool = True) -> list[DetectedPerson]:
-        """Landmarks of each person in raw px; if not `thoroughly`, by the first network alone."""
-        if not people:
+    def _look(self, crops: Sequence[tuple[Frame, Region]]) -> list[DetectedPerson]:
+        if not crops:
             return []
-        side = self._side_px
-        crops = Crops([(frame.image, region) for frame, region in people], side)
-        rounds = [member.look(crops) for member in (self._landmarks if thoroughly else self._landmarks[:1])]
-        if thoroughly and self._mirrored:
-            rounds += [member.look_in_mirror(crops) for member in self._landmarks]
-        looks = [averaged(looks) for looks in zip(*rounds, strict=True)]
-        return [_in_image(look, region, side) for look, (_, region) in zip(looks, people, strict=True)]
+        side = self._landmarks.network.side_px
+        inputs = Crops([(frame.image, region) for frame, region in crops], side)
+        looks = self._landmarks.look(inputs)
+        if self._landmarks.card.mirrored:
+            looks = [averaged(both) for both in zip(looks, self._landmarks.look_in_mirror(inputs), strict=True)]
+        return [_in_image(look, region, side) for look, (_, region) in zip(looks, crops, strict=True)]
 
 
 def _in_image(look: DetectedPerson, region: Region, side_px: int) -> DetectedPerson:
-    """The same in raw px instead of crop px."""
+    """The same in raw px instead of crop px; no person where it hardly shows one."""
+    if look.presence < _LEAST_PRESENCE:
+        return DetectedPerson.missing(len(look.xy))
     return replace(look, xy=img_from_crop(region, side_px, look.xy), sigma_px=look.sigma_px * region.side_px / side_px)

@@ -8,7 +8,7 @@ from __future__ import annotations
 from pathlib import Path, PurePosixPath
 from typing import Annotated, Any, Literal, TypeVar
 
-from annotated_types import Ge, Gt, Le, MinLen
+from annotated_types import Ge, Gt, Le
 
 from posefuse.core import SKELETONS, ConfigError, ModelError, Skeleton
 from posefuse.core.errors import choices
@@ -116,48 +116,6 @@ class LandmarkDecoding:
 
 
 @settings
-class Card:
-    """What all cards say.
-
-    Attributes:
-        name: the card's file name without suffix. folder: where the card lies; the files it names are relative to it.
-        kind: decides which of the classes below it is, and how outputs are read.
-        summary: what it is for, in a few words.
-        joint_centres: file with offsets from keypoints to joint centres; None where they were not fitted.
-    """
-
-    name: str
-    folder: Path
-    kind: str
-    summary: str = ""
-    joint_centres: str | None = None
-
-    @property
-    def joint_centres_file(self) -> Path | None:
-        """Offsets from the network's keypoints to joint centres, where they were fitted."""
-        return self.folder / self.joint_centres if self.joint_centres else None
-
-
-@settings
-class EnsembleCard(Card):
-    """Several landmark networks that look at the same crops.
-
-    Attributes:
-        members: their cards, by name or TOML file next to this one.
-        mirrored: each also looks at the crop's mirror image.
-    """
-
-    kind: Literal["landmark_ensemble"]
-    members: Annotated[tuple[str, ...], MinLen(1)]
-    mirrored: bool
-
-    def member_cards(self) -> list[LandmarkCard]:
-        """The cards of the members; raises as `read_card`."""
-        files = {name: self.folder / f"{name}.toml" for name in self.members}
-        return [read_card(file if file.is_file() else name, LandmarkCard) for name, file in files.items()]
-
-
-@settings
 class Terms:
     """What a person who fetches a network has to know and to accept.
 
@@ -171,10 +129,14 @@ class Terms:
 
 
 @settings
-class NetworkCard(Card):
-    """One network.
+class NetworkCard:
+    """One network: what all cards say.
 
     Attributes:
+        name: the card's file name without suffix. folder: where the card lies; the files it names are relative to it.
+        kind: decides which of the classes below it is, and how outputs are read.
+        summary: what it is for, in a few words.
+        joint_centres: file with offsets from keypoints to joint centres; None where they were not fitted.
         file: the network next to the card; "" where it is fetched from `source`.
         source: where it is published; None for a local file.
         size_bytes: of the network's file; an archive is never unpacked beyond it.
@@ -187,6 +149,11 @@ class NetworkCard(Card):
         input: see there.
     """
 
+    name: str
+    folder: Path
+    kind: str
+    summary: str = ""
+    joint_centres: str | None = None
     file: str = ""
     source: Source | None = None
     size_bytes: Annotated[int, Gt(0)] = LARGEST_BYTES
@@ -220,6 +187,11 @@ class NetworkCard(Card):
         """The fitted noise model, where there is one."""
         return self.folder / self.noise if self.noise else None
 
+    @property
+    def joint_centres_file(self) -> Path | None:
+        """Offsets from the network's keypoints to joint centres, where they were fitted."""
+        return self.folder / self.joint_centres if self.joint_centres else None
+
 
 @settings
 class PersonCard(NetworkCard):
@@ -231,10 +203,16 @@ class PersonCard(NetworkCard):
 
 @settings
 class LandmarkCard(NetworkCard):
-    """A network of BlazePose's layout: a .tflite file."""
+    """A network of BlazePose's layout: a .tflite file.
+
+    Attributes:
+        decoding: see there.
+        mirrored: it also looks at the mirror image of each crop, and both looks are averaged.
+    """
 
     kind: Literal["heatmap_landmarks"]
     decoding: LandmarkDecoding
+    mirrored: bool = False
 
 
 @settings
@@ -253,20 +231,18 @@ class OnnxCard(NetworkCard):
     least_keypoint_score: Share = 0.3
 
 
-C = TypeVar("C", bound=Card)
-_CLASSES: dict[str, type[Card]] = {"person_ssd": PersonCard, "heatmap_landmarks": LandmarkCard, "landmark_ensemble": EnsembleCard}
+C = TypeVar("C", bound=NetworkCard)
+_CLASSES: dict[str, type[NetworkCard]] = {"person_ssd": PersonCard, "heatmap_landmarks": LandmarkCard}
 
 
 def list_cards() -> list[NetworkCard]:
     """The cards of networks that come with the package, by name."""
-    cards = [read_card(path, Card) for path in _card_files()]
-    return [card for card in cards if isinstance(card, NetworkCard)]
+    return [read_card(path) for path in _card_files()]
 
 
 def named_networks() -> dict[str, str]:
-    """What each name stands for that ``networks`` takes: those that find keypoints, alone or together."""
-    cards = [read_card(path, Card) for path in _card_files()]
-    return {card.name: card.summary for card in cards if not isinstance(card, NetworkCard) or card.keypoints}
+    """What each name stands for that ``networks`` takes: those that find keypoints."""
+    return {card.name: card.summary for card in list_cards() if card.keypoints}
 
 
 def read_card(name: str | Path, expected: type[C] = NetworkCard) -> C:  # type: ignore[assignment]
@@ -286,9 +262,8 @@ def read_card(name: str | Path, expected: type[C] = NetworkCard) -> C:  # type: 
     content: dict[str, Any] = {"name": path.stem, "folder": path.parent, **read_mapping(path)}
     card = settings_from_mapping(content, _CLASSES.get(str(content.get("kind")), OnnxCard), where=str(path))
     if not isinstance(card, expected):
-        raise ModelError(f"model card {card.name}: expected {_WORDS.get(expected, 'one network')}, got {card.kind}")
-    if isinstance(card, NetworkCard):
-        _check(card, path)
+        raise ModelError(f"model card {card.name}: expected {_WORDS[expected]}, got {card.kind}")
+    _check(card, path)
     return card
 
 
@@ -303,20 +278,17 @@ def persons_card(card: NetworkCard) -> NetworkCard | None:
 
 
 def needed_cards(name: str | Path) -> list[NetworkCard]:
-    """The networks that work together under a name: a network, or the members of an ensemble, and what finds people for it."""
-    card = read_card(name, Card)
-    found: list[NetworkCard] = [card] if isinstance(card, NetworkCard) else []
-    if isinstance(card, EnsembleCard):
-        found = [*card.member_cards()]
-    persons = persons_card(found[0])
-    return found if persons is None else [*found, persons]
+    """The networks that work together under a name: a network, and what finds people for it."""
+    card: NetworkCard = read_card(name)
+    persons = persons_card(card)
+    return [card] if persons is None else [card, persons]
 
 
 def _card_files() -> list[Path]:
     return sorted(path for path in CARDS_FOLDER.glob("*.toml") if not path.name.endswith(_BESIDE_SUFFIXES))
 
 
-_WORDS: dict[type[Card], str] = {
+_WORDS: dict[type[NetworkCard], str] = {
     PersonCard: "kind person_ssd",
     LandmarkCard: "kind heatmap_landmarks",
     OnnxCard: f"a network in an ONNX file ({', '.join(LAYOUTS)})",

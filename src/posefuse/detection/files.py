@@ -119,6 +119,8 @@ def fetch_all(
     missing = [card for card in cards if status(card, cache_dir, trust) != "ready"]
     for card in missing:
         _check_fetched(card, cache_dir, trust)
+    # some cards name the same file
+    missing = list({card.file_name: card for card in missing}.values())
     if missing and source is not None:
         for card in missing:
             _keep(card, _read_from(source, card), cache_dir, str(source), trust)

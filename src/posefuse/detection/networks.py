@@ -10,7 +10,7 @@ People are in regions that are given, or all who are found in whole images. A us
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Annotated
@@ -59,8 +59,6 @@ class DetectedPerson:
 
 # looked for per image when no regions are given
 _MOST_PEOPLE = 16
-# of a look at one person; below it the keypoints carry no information
-LEAST_PRESENCE = 0.5
 # as of `core.duplicates`: a body that is cut off at the edge of one square and whole in another differs by up to a tenth
 _SAME_PERSON = 0.12
 
@@ -72,8 +70,9 @@ class NetworkDetector(ABC):
         skeleton: the network's keypoints. joint_centres: the table that was fitted to it, if there is one.
     """
 
-    def __init__(self, skeleton: Skeleton, table: Path | None) -> None:
+    def __init__(self, skeleton: Skeleton, table: Path | None, up_rad: Mapping[str, float]) -> None:
         self.skeleton, self.joint_centres = skeleton, read_joint_centres(table) if table else None
+        self._up_rad = up_rad
 
     def detect(self, frames: Sequence[Frame], regions: Sequence[Sequence[Region] | None]) -> list[Detections2D]:
         """One Detections2D per frame: the people in the given regions, in that order, or all who are found (best first)."""
@@ -92,27 +91,43 @@ class NetworkDetector(ABC):
     def _given(self, asked: Sequence[tuple[Frame, Sequence[Region]]]) -> list[list[DetectedPerson]]:
         """For each image one person per region, in that order."""
 
-    def _in_stages(
-        self,
-        frames: Sequence[Frame],
-        finder: PersonFinder,
-        up_rad: Mapping[str, float],
-        look: Callable[[Sequence[tuple[Frame, Region]]], Sequence[DetectedPerson]],
-    ) -> list[list[DetectedPerson]]:
+    def _result(self, frame: Frame, people: Sequence[DetectedPerson]) -> Detections2D:
+        parts = ([getattr(person, name) for person in people] for name in ("xy", "score", "sigma_px"))
+        return Detections2D.of(frame.camera, frame.t_ns, self.skeleton, *parts)
+
+
+class CropDetector(NetworkDetector):
+    """A network that looks at one person per crop, and what finds people for it (`_finder`); implements all but `_look`."""
+
+    _finder: PersonFinder
+
+    @abstractmethod
+    def _look(self, crops: Sequence[tuple[Frame, Region]]) -> list[DetectedPerson]:
+        """One person per crop, in raw px."""
+
+    def _found(self, frames: Sequence[Frame]) -> list[list[DetectedPerson]]:
+        """Looks again where the search found people: after one look keypoints of rendered people are off by a tenth more."""
+        found = [[region_from_keypoints(one.xy, self.skeleton) for one in people] for people in self._search(frames)]
+        regions = [[region for region in some if region is not None] for some in found]
+        looked_at = self._given(list(zip(frames, regions, strict=True)))
+        return [[person for person in people if person.score.any()] for people in looked_at]
+
+    def _given(self, asked: Sequence[tuple[Frame, Sequence[Region]]]) -> list[list[DetectedPerson]]:
+        looked = iter(self._look([(frame, region) for frame, regions in asked for region in regions]))
+        return [[next(looked) for _ in regions] for _, regions in asked]
+
+    def _search(self, frames: Sequence[Frame]) -> list[list[DetectedPerson]]:
         """Everybody in whole images, each once, stage by stage; what the keypoint network does not confirm was no person.
 
         Those who are found first are not all: closer stages follow until one of them finds no new person.
-
-        Args:
-            finder: of people. up_rad: per camera, see `OnnxConfig`. look: of the keypoint network, one person per region.
         """
         found: list[list[DetectedPerson]] = [[] for _ in frames]
-        plans = [finder.stages(frame.size_wh, up_rad.get(frame.camera, 0.0)) for frame in frames]
+        plans = [self._finder.stages(frame.size_wh, self._up_rad.get(frame.camera, 0.0)) for frame in frames]
         due = list(range(len(frames)))
         while squares := {i: parts for i in due if (parts := next(plans[i], None))}:
             before = [len(people) for people in found]
-            regions = finder.people([(frames[i], parts) for i, parts in squares.items()])
-            looks = iter(look([(frames[i], region) for i, some in zip(squares, regions, strict=True) for region in some]))
+            regions = self._finder.people([(frames[i], parts) for i, parts in squares.items()])
+            looks = iter(self._look([(frames[i], region) for i, some in zip(squares, regions, strict=True) for region in some]))
             for i, some in zip(squares, regions, strict=True):
                 found[i] = self._each_once(frames[i], [*found[i], *(next(looks) for _ in some)])
             due = [i for i in squares if not before[i] or len(found[i]) > before[i]]
@@ -120,13 +135,9 @@ class NetworkDetector(ABC):
 
     def _each_once(self, frame: Frame, looks: Sequence[DetectedPerson]) -> list[DetectedPerson]:
         """The people among looks at one image, by the first look at each."""
-        people = [one for one in looks if one.presence >= LEAST_PRESENCE and region_from_keypoints(one.xy, self.skeleton)]
+        people = [one for one in looks if region_from_keypoints(one.xy, self.skeleton)]
         again = duplicates(self._result(frame, people), _SAME_PERSON, sure=-np.arange(len(people)))
         return [one for one, twice in zip(people, again, strict=True) if not twice][:_MOST_PEOPLE]
-
-    def _result(self, frame: Frame, people: Sequence[DetectedPerson]) -> Detections2D:
-        parts = ([getattr(person, name) for person in people] for name in ("xy", "score", "sigma_px"))
-        return Detections2D.of(frame.camera, frame.t_ns, self.skeleton, *parts)
 
 
 @settings
@@ -222,8 +233,8 @@ class _Networked(NetworkDetector):
     """What both kinds of a card's network have in common."""
 
     def __init__(self, network: OnnxNetwork, up_rad: Mapping[str, float]) -> None:
-        super().__init__(network.card.skeleton, network.card.joint_centres_file)
-        self._network, self._up_rad = network, up_rad
+        super().__init__(network.card.skeleton, network.card.joint_centres_file, up_rad)
+        self._network = network
         self._noise = read_noise(network.card.noise_file)
 
     @property
@@ -254,7 +265,7 @@ class _Networked(NetworkDetector):
         return DetectedPerson(xy, score, np.where(score > 0, sigma, np.nan))
 
 
-class TopDownDetector(_Networked):
+class TopDownDetector(_Networked, CropDetector):
     """Crops of one person each through a keypoint network.
 
     Args:
@@ -265,13 +276,6 @@ class TopDownDetector(_Networked):
     def __init__(self, network: OnnxNetwork, finder: PersonFinder, up_rad: Mapping[str, float]) -> None:
         super().__init__(network, up_rad)
         self._finder = finder
-
-    def _found(self, frames: Sequence[Frame]) -> list[list[DetectedPerson]]:
-        return self._in_stages(frames, self._finder, self._up_rad, self._look)
-
-    def _given(self, asked: Sequence[tuple[Frame, Sequence[Region]]]) -> list[list[DetectedPerson]]:
-        looked = iter(self._look([(frame, region) for frame, regions in asked for region in regions]))
-        return [[next(looked) for _ in regions] for _, regions in asked]
 
     def observed(self, frame: Frame, region: Region) -> Observed:
         """The person in a region, with all outputs of the network. Noise models are fitted to these."""

@@ -9,7 +9,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from scipy.fft import irfft, next_fast_len, rfft
 from scipy.optimize import minimize_scalar
 
 from posefuse.core import InputError
@@ -330,25 +329,21 @@ def _speed_costs(a: Tracks, b: Tracks) -> tuple[Array, Array]:
     The mean squared difference of the roots of speeds, of all offsets at once by the Fourier transform. Roots, so that a false
     jump counts by its size, not by the square of it.
     """
+    # not with the other imports: every command would take a third of a second for it
+    from scipy.signal import correlate, correlation_lags
+
     times = [np.arange(one.t_s[0], one.t_s[-1], 1 / _SPEED_HZ) for one in (a, b)]
-    sizes = [len(t) for t in times]
-    length = next_fast_len(sum(sizes), real=True)
-    apart, both = np.zeros((2, length // 2 + 1), np.complex128)
+    lags = correlation_lags(*map(len, times))
+    apart, pairs = np.zeros((2, len(lags)))
     for point in a.points:
         roots = [np.sqrt(_speed(one.only([point]).at(t)[:, 0])) for one, t in zip((a, b), times, strict=True)]
-        (one, one_square, one_known), (two, two_square, two_known) = (
-            (rfft(np.nan_to_num(root), length), rfft(np.nan_to_num(root) ** 2, length), rfft(np.isfinite(root) * 1.0, length))
-            for root in roots
-        )
-        apart += one_square * two_known.conj() + one_known * two_square.conj() - 2 * one * two.conj()
-        both += one_known * two_known.conj()
-    overlap = min(sizes) // 2
-    lags = np.arange(overlap - sizes[1], sizes[0] - overlap + 1)
-    common = np.minimum(sizes[0], sizes[1] + lags) - np.maximum(0, lags)
-    differences, pairs = irfft(apart, length)[lags], np.rint(irfft(both, length)[lags])
-    enough = (pairs > _LEAST_KNOWN * len(a.points) * common) & (common > 0)
-    cost = np.where(enough, np.maximum(differences, 0.0) / np.maximum(pairs, 1), np.nan)
-    return lags / _SPEED_HZ + times[0][0] - times[1][0], cost
+        (one, one_known), (two, two_known) = ((np.nan_to_num(root), np.isfinite(root) * 1.0) for root in roots)
+        apart += correlate(one**2, two_known) + correlate(one_known, two**2) - 2 * correlate(one, two)
+        pairs += np.rint(correlate(one_known, two_known))
+    common = np.minimum(len(times[0]), len(times[1]) + lags) - np.maximum(0, lags)
+    overlapping, enough = common >= min(map(len, times)) // 2, pairs > _LEAST_KNOWN * len(a.points) * common
+    cost = np.where(enough, np.maximum(apart, 0.0) / np.maximum(pairs, 1), np.nan)
+    return lags[overlapping] / _SPEED_HZ + times[0][0] - times[1][0], cost[overlapping]
 
 
 def _speed(xyz: Array) -> Array:

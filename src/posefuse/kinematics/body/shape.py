@@ -45,7 +45,8 @@ def with_solved_lengths(
     """The body with lengths estimated from its rays at these time steps and the prior; `BodyModel.lengths` has their sigma.
 
     The noise is Student-t, and errors of different time steps count as independent. Left and right change by the same. Time steps
-    without a pelvis to start from are left out.
+    without a pelvis to start from are left out. Medians over time drawn towards the prior (`with_expected_lengths`) give poses as
+    good, but hips of rendered people that are 10 % too narrow or wide, not 3.
 
     Args:
         body: lengths to start from. seen: rays, and points to start poses from, in time order.

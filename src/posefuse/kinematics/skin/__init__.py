@@ -8,6 +8,7 @@ from functools import cache
 from pathlib import Path
 
 import numpy as np
+from scipy.optimize import least_squares
 
 from posefuse.core import Skeleton
 from posefuse.core.arrays import Array
@@ -22,7 +23,6 @@ from posefuse.kinematics.joints import FrameBuffers
 
 # a length that the skeleton has counts as much as a shape of one standard deviation if it is this far off
 _LENGTH_SIGMA_M = 0.003
-_ROUNDS, _STEP = 4, 1e-3
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -54,14 +54,11 @@ class Template:
         """
         names = [name for name in length_names() if name in lengths_m]
         wanted = np.array([lengths_m[name] for name in names])
-        shape = np.zeros(len(self.vertex_shapes))
-        for _ in range(_ROUNDS):
-            have = self._lengths(names, shape)
-            steps = _STEP * np.eye(len(shape))
-            slopes = np.array([(self._lengths(names, shape + step) - have) / _STEP for step in steps]).T
-            information = slopes.T @ slopes / _LENGTH_SIGMA_M**2 + np.eye(len(shape))
-            shape = shape + np.linalg.solve(information, slopes.T @ (wanted - have) / _LENGTH_SIGMA_M**2 - shape)
-        return shape
+
+        def misfit(shape: Array) -> Array:
+            return np.concatenate([(self._lengths(names, shape) - wanted) / _LENGTH_SIGMA_M, shape])
+
+        return np.asarray(least_squares(misfit, np.zeros(len(self.vertex_shapes))).x)
 
     def _lengths(self, names: list[str], shape: Array) -> Array:
         points = self.points_of(shape)

@@ -147,7 +147,11 @@ def hold_bones(xyz, cov, bones, ends, sigma_m):
 
 @kernel()
 def centre_body(x, share):
-    """Move the common part of the keypoints' motion to the body; without this the split between both is undetermined."""
+    """Move the common part of the keypoints' motion to the body.
+
+    Without this the split between both is undetermined: poses are the same to 0.2 mm, but the body is 86 m off after a minute of
+    walking.
+    """
     k, m = len(x) - 1, x.shape[1]
     mean, count = np.zeros(9), 0
     for i in range(k):
