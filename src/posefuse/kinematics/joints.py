@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from enum import IntEnum
 
 import numpy as np
 
@@ -26,6 +27,20 @@ from .definitions import (
 )  # fmt: skip
 from .settings import JointSettings
 from .side_clues import check_sides
+
+# Why an angle is not there.
+
+
+class Reason(IntEnum):
+    """Why an angle is NaN, or that it is not."""
+
+    DEFINED = kernels.DEFINED
+    NOT_DETERMINED = kernels.NOT_DETERMINED  # these keypoints never determine it
+    MISSING = kernels.MISSING  # a keypoint it needs is missing at this time step
+    STRAIGHT_LIMB = kernels.STRAIGHT_LIMB  # the plane of a straight limb was lost too long ago
+    GIMBAL_LOCK = kernels.GIMBAL_LOCK  # first and last axis of the sequence are parallel: only their sum is known
+    UNCERTAIN = kernels.UNCERTAIN  # the keypoints are known too badly
+
 
 _HINGE_MEMORY_S = 0.2
 # nearer than this to gimbal lock the first and last angle of a sequence are NaN, and so is an angle less certain than this
@@ -60,11 +75,17 @@ def joints_from_poses(sequence: PoseSequence, settings: JointSettings | None = N
     """Segment frames and joint angles of a recording, the planes of straight limbs carried from both sides in time.
 
     Angles are continuous over time (unwrapped), radians, flexion positive on both sides; `sigma_rad` is propagated from
-    `cov_world`, whose keypoints are taken as independent of each other. What is not defined is NaN.
+    `cov_world`, whose keypoints are taken as independent of each other. What is not defined is NaN;
+    `reasons_from_poses` gives the reason.
 
     Raises:
         InputError: left and right of a person are plainly swapped (see `check_sides`).
     """
+    return reasons_from_poses(sequence, settings)[0]
+
+
+def reasons_from_poses(sequence: PoseSequence, settings: JointSettings | None = None) -> tuple[JointAngles, Array]:
+    """As `joints_from_poses`, with (T, N, J, 3) uint8 of `Reason` for every angle."""
     settings = settings or JointSettings()
     if settings.sides_checked:
         check_sides(sequence)
@@ -72,6 +93,7 @@ def joints_from_poses(sequence: PoseSequence, settings: JointSettings | None = N
     shape = sequence.xyz_world.shape[:2]
     wxyz, origin = np.empty((*shape, len(SEGMENT_NAMES), 4)), np.empty((*shape, len(SEGMENT_NAMES), 3))
     angles, sigmas = np.empty((*shape, len(JOINT_NAMES), 3)), np.empty((*shape, len(JOINT_NAMES), 3))
+    reasons = np.zeros((*shape, len(JOINT_NAMES), 3), np.uint8)
     for n in range(shape[1]):
         planes = _smoothed_planes(sequence, n, work)
         last = np.full((len(JOINT_NAMES), 3), np.nan)
@@ -80,8 +102,8 @@ def joints_from_poses(sequence: PoseSequence, settings: JointSettings | None = N
             work.solve(planes[i])
             kernels.unwrap(work.angles, last)
             wxyz[i, n], origin[i, n] = frames_of(work.rotation, work.origins())
-            angles[i, n], sigmas[i, n] = work.angles, work.sigmas
-    return joints_value(sequence.t_ns, sequence.person_id, wxyz, origin, angles, sigmas)
+            angles[i, n], sigmas[i, n], reasons[i, n] = work.angles, work.sigmas, work.reasons
+    return joints_value(sequence.t_ns, sequence.person_id, wxyz, origin, angles, sigmas), reasons
 
 
 class JointTracker:
@@ -163,8 +185,8 @@ class FrameBuffers:
         self.rotation, by_first, by_second = np.empty((3, s, 3, 3))
         self._frames = kernels.FrameArrays(self.rotation, by_first, by_second, np.empty(s))
         self.angles, self.sigmas = np.empty((2, q, 3))
-        self.weights = np.empty((q, p, 3, 3))
-        self._angles = kernels.Angles(self.angles, self.sigmas, self.weights)
+        self.reasons, self.weights = np.zeros((q, 3), np.uint8), np.empty((q, p, 3, 3))
+        self._angles = kernels.Angles(self.angles, self.sigmas, self.reasons, self.weights)
 
     def read(self, xyz_world: Array, cov_world: Array) -> None:
         """Take in keypoints (K, 3) and covariances (K, 3, 3)."""

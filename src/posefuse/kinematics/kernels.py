@@ -414,14 +414,16 @@ def _remember(memory, parent, y, z, var):
     memory[12] = var
 
 
+DEFINED, NOT_DETERMINED, MISSING, STRAIGHT_LIMB, GIMBAL_LOCK, UNCERTAIN = 0, 1, 2, 3, 4, 5
 ZXY, YXY, YXZ, YZX = 0, 1, 2, 3
 
 
 class Angles(NamedTuple):
-    """Filled: angles and standard deviations (Q, 3); weights (Q, P, 3, 3), d(angles)/d(points)."""
+    """Filled: angles, standard deviations and reasons (Q, 3); weights (Q, P, 3, 3), d(angles)/d(points)."""
 
     angles: Array
     sigmas: Array
+    reasons: Array
     weights: Array
 
 
@@ -437,13 +439,13 @@ def solve_joints(points, points_cov, planes, table, determined, limits, frames, 
 
 @kernel()
 def joint_angles(frames, points_cov, table, determined, limits, out):
-    """All angles and standard deviations; NaN where they are not determined, missing, locked or too uncertain.
+    """All angles, standard deviations and reasons.
 
     `limits`: sine below which a joint is locked, and the standard deviation from which an angle is not given.
     """
     rotation, by_first, by_second, turn_var = frames
     pairs, mirrored, sign = table.pairs, table.mirrored, table.sign
-    angles, sigmas, weights = out
+    angles, sigmas, reasons, weights = out
     relative, axes = np.empty((3, 3)), np.empty((3, 3))
     for q in range(len(table.joint_segments)):
         parent, child = table.joint_segments[q]
@@ -452,6 +454,8 @@ def joint_angles(frames, points_cov, table, determined, limits, out):
         sigmas[q] = np.nan
         weights[q] = 0.0
         if math.isnan(over[0, 0]) or math.isnan(rotation[child, 0, 0]):
+            for a in range(3):
+                reasons[q, a] = MISSING if determined[q, a] else NOT_DETERMINED
             continue
         for i in range(3):
             for j in range(3):
@@ -477,8 +481,8 @@ def joint_angles(frames, points_cov, table, determined, limits, out):
                 turn += turn_var[parent] * dot(world[a], over[:, 1]) ** 2
             angles[q, a] *= sign[q, a]
             sigmas[q, a] = math.sqrt(max(0.0, var + turn))
-            # near gimbal lock only the sum of the first and the last one is known
-            if not determined[q, a] or not (free or a == 1) or sigmas[q, a] > limits[1]:
+            reasons[q, a] = _reason(determined[q, a], free or a == 1, sigmas[q, a], turn, limits[1])
+            if reasons[q, a] != DEFINED:
                 angles[q, a] = np.nan
                 sigmas[q, a] = np.nan
 
@@ -536,6 +540,17 @@ def _weighted_variance(weights, points_cov):
         if weights[p, 0] != 0.0 or weights[p, 1] != 0.0 or weights[p, 2] != 0.0:
             var += variance(points_cov[p], weights[p])
     return var
+
+
+@kernel()
+def _reason(determined, free, sigma, turn_var, limit):
+    if not determined:
+        return NOT_DETERMINED
+    if not free:
+        return GIMBAL_LOCK
+    if sigma > limit:
+        return STRAIGHT_LIMB if turn_var > 0.5 * sigma * sigma else UNCERTAIN
+    return DEFINED
 
 
 @kernel()
