@@ -13,6 +13,7 @@ import pytest
 from checks import assert_same, refusal
 from commanded import commanded
 from own_domain import own_domain
+from scipy.interpolate import CubicHermiteSpline
 
 from bench.rehearsal.faults import engaged_world, tick
 from bench.rehearsal.world import settings_for
@@ -313,6 +314,24 @@ def test_a_trajectory_does_not_brake_beyond_the_joints_limits(jointed):
         robot.move(commanded(start.xyz_world + [[0.0, 0.0, 0.003 * k]], start.wxyz, (0.0, 0.0, 0.3)), DT_S)
     ends = np.array([msg.points[-1].positions for msg in node.sent if hasattr(msg, "points")])
     assert (ends <= chain.high[chain.arm]).all() and (ends >= chain.low[chain.arm]).all()
+
+
+@pytest.mark.parametrize("brakes", [True, False])
+@pytest.mark.parametrize("left_out", [3, 10, 40])
+def test_a_process_that_was_stopped_does_not_throw_the_arm_back(jointed, left_out, brakes):
+    """The controller is where its last trajectory leads; the next one continues there, as far as it was going."""
+    node, robot = jointed
+    last = moving(robot)
+    times_s = [point.time_from_start.sec + point.time_from_start.nanosec / 1e9 for point in last.points]
+    path = CubicHermiteSpline(times_s, [one.positions for one in last.points], [one.velocities for one in last.points])
+    here = path(min((left_out + 1) * DT_S, times_s[-1]))
+    state = robot.state()
+    robot.move(commanded(state.xyz_world, state.wxyz, brakes=brakes), DT_S, left_out)
+    first = next(msg for msg in node.sent[::-1] if hasattr(msg, "points")).points[0]
+    rates, before = (first.positions - here) / (2 * DT_S), last.points[0].velocities
+    share = rates @ before / (before @ before)
+    assert -0.05 < share < 1
+    np.testing.assert_allclose(rates, share * before, atol=0.02)
 
 
 def test_a_driver_that_fails_leaves_a_robot_without_velocity(clock, monkeypatch):

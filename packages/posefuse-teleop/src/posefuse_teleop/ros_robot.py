@@ -91,6 +91,8 @@ class Frames:
 
 
 JOINT_STATES = "/joint_states"
+# what controllers of ros2_control take: positions at once, or a path that ends at rest
+_POSITIONS, _TRAJECTORY = "std_msgs/msg/Float64MultiArray", "trajectory_msgs/msg/JointTrajectory"
 _MOST_BYTES = 1_000_000
 # the robot's own state may be so old, and the wait for the first one so long
 _STATE_S, _FIRST_S = 0.2, 10.0
@@ -184,9 +186,7 @@ class RosJoints:
         self._node, self._plan = node, plan
         self.joints, self.needs = Joints(chain, limits, place), JOINT_STATES
         self._states = _Inbox(node, Topic(JOINT_STATES, "sensor_msgs/msg/JointState", depth=5))
-        arm_type = (
-            "std_msgs/msg/Float64MultiArray" if plan.controller.endswith("/commands") else "trajectory_msgs/msg/JointTrajectory"
-        )
+        arm_type = _POSITIONS if plan.controller.endswith("/commands") else _TRAJECTORY
         self._arm = Topic(plan.controller, arm_type, depth=1)
         vel_type = "geometry_msgs/msg/TwistStamped" if plan.stamped else "geometry_msgs/msg/Twist"
         self._base = Topic(plan.cmd_vel, vel_type, depth=1) if plan.cmd_vel else None
@@ -210,6 +210,10 @@ class RosJoints:
 
     def move(self, wanted: Follower, dt_s: float, left_out: int = 0) -> None:
         """See `Robot`."""
+        if left_out and self._arm.type_name == _TRAJECTORY:
+            # the arm followed its last trajectory meanwhile: one that began where that did would throw it back
+            self.joints.coast(left_out, dt_s)
+            left_out = 0
         q, rates = self.joints.follow(wanted, dt_s, left_out), self.joints.step / dt_s
         t_ns, arm = time.time_ns(), self.joints.chain.arm
         self._node.publish(self._arm, self._arm_message(q[arm], rates[arm], dt_s, t_ns), t_ns)
@@ -233,7 +237,7 @@ class RosJoints:
 
     def _arm_message(self, q: Array, rates: Array, dt_s: float, t_ns: int) -> Any:
         chain = self.joints.chain
-        if self._arm.type_name == "std_msgs/msg/Float64MultiArray":
+        if self._arm.type_name == _POSITIONS:
             layout = message("std_msgs/msg/MultiArrayLayout", dim=[], data_offset=0)
             return message(self._arm.type_name, layout=layout, data=q)
         ahead_s = _AHEAD_PERIODS * dt_s
