@@ -1,11 +1,13 @@
 """Real processes: whatever is killed or stopped, the robot stands soon after. Times are measured in the bench, not here."""
 
 import itertools
+import math
 import os
 import signal
 import sys
 import time
 from contextlib import closing
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -35,15 +37,15 @@ def speed(state):
     return np.linalg.norm(state.velocity_world)
 
 
-def set_moving(link):
-    """Orders until the robot moves at 0.1 m/s or more."""
+def set_moving(link, least_mps=0.1):
+    """Orders until the robot moves so fast."""
     numbers = itertools.count(1)
 
     def one_more():
         link.send(order(next(numbers), time.monotonic_ns(), link.state.xyz_world + [0.0, 0.0, 0.1], link.state.wxyz))
         link.poll()
 
-    until(lambda: speed(link.state) >= 0.1, one_more)
+    until(lambda: speed(link.state) >= least_mps, one_more)
 
 
 def test_the_robot_moves_by_orders_and_stands_without_them(link):
@@ -70,6 +72,23 @@ def test_a_closed_terminal_leaves_the_robot_to_the_operators_side(link):
 def test_a_robot_process_that_is_killed_is_reported(link):
     os.kill(link.pid, getattr(signal, "SIGKILL", signal.SIGTERM))
     refusal(SourceError, "its process has ended", until, lambda: False, link.poll)
+
+
+def test_a_recording_that_fails_stops_the_robot_first(tmp_path, capfd):
+    resource = pytest.importorskip("resource")
+    plan = replace(PLAN, record=tmp_path / "robot.mcap")
+    before = resource.getrlimit(resource.RLIMIT_FSIZE)
+    # for the process of the robot, a disk that is full after its first bytes
+    resource.setrlimit(resource.RLIMIT_FSIZE, (1000, before[1]))
+    try:
+        made = RobotLink(plan)
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, before)
+    with closing(made):
+        made.wait_ready()
+        refusal(SourceError, "robot.mcap: cannot be written", set_moving, made, math.inf)
+        assert speed(made.state) == 0.0 and made.state.order_seq == -1
+    assert capfd.readouterr().err == ""
 
 
 def test_a_robot_that_cannot_be_driven_is_reported_in_one_line():

@@ -100,6 +100,7 @@ def teleoperate(
         with stop_requests() as stopped:
             summary = run_control_loop(session, switch, link, settings, watches=watches, stopped=stopped)
             stack.close()
+    summary.fault = summary.fault or link.trouble
     return summary
 
 
