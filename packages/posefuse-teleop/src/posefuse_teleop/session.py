@@ -186,6 +186,7 @@ def run_control_loop(
             image_ns = _count(summary, operator, robot, image_ns)
             for watch in watches:
                 watch(operator, order)
+        session.check()
     except PosefuseError as error:
         summary.fault = str(error)
     summary.seconds, summary.stopped_by = time.monotonic() - begun_s, next(iter(stopped), "")
