@@ -3,6 +3,7 @@
 import itertools
 import math
 import os
+import shutil
 import signal
 import sys
 import time
@@ -96,11 +97,28 @@ def test_a_robot_that_cannot_be_driven_is_reported_in_one_line():
         refusal(ConfigError, "no site 'tool'", made.wait_ready)
 
 
+def teleoperating(demo_session, *options):
+    words = command(demo_session, "--deadman", "gesture", "--elsewhere", *options)
+    running = Live(["teleoperate" if word == "live" else word for word in words])
+    running.wait_for("READY")
+    return running
+
+
+@pytest.mark.realtime
+def test_a_recording_of_the_session_that_is_lost_is_reported_and_a_failure(demo_session, tmp_path):
+    folder = tmp_path / "recorded"
+    folder.mkdir()
+    running = teleoperating(demo_session, "--record", str(folder / "session.mcap"))
+    shutil.rmtree(folder)
+    running.wait_for("the file is gone")
+    running.process.send_signal(signal.SIGINT)
+    figures, said = running.ended(1)
+    assert figures["failed"] and "warning: record: " in said
+
+
 @pytest.mark.realtime
 def test_ctrl_c_ends_a_session_in_order_and_its_figures_are_printed(demo_session):
-    words = command(demo_session, "--deadman", "gesture", "--elsewhere")
-    running = Live(["teleoperate" if word == "live" else word for word in words])
-    running.wait_for("IDLE|READY")
+    running = teleoperating(demo_session)
     running.process.send_signal(signal.SIGINT)
     figures = running.figures()
     assert figures["stopped_by"] == "SIGINT" and figures["phases"] and not figures["failed"]
