@@ -87,10 +87,13 @@ def _failures_sent(channel: Channel, plan: RobotPlan) -> Iterator[None]:
     """Send what keeps the robot from being driven, or its record from being written, to the operator's side."""
     try:
         yield
-    except (PosefuseError, OSError) as error:
-        known = isinstance(error, PosefuseError)
-        with suppress(ChannelClosed):
-            channel.send(error if known else SourceError(f"{plan.record}: cannot be written ({error.strerror})"), wait_s=1.0)
+        return
+    except PosefuseError as error:
+        failure = error
+    except OSError as error:
+        failure = SourceError(f"{plan.record}: cannot be written ({error.strerror})")
+    with suppress(ChannelClosed):
+        channel.send(failure, wait_s=1.0)
 
 
 def built(plan: RobotPlan) -> Robot:
