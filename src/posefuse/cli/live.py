@@ -145,10 +145,16 @@ def live(
 
 def exit_code(run: Any, duration_s: float | None, terminal: Terminal) -> int:
     """The exit code of a session; states what request ended it early."""
-    code = session_exit_code(run.stopped_by, endless=duration_s is None, failed=run.failed)
-    if run.stopped_by and code:
-        terminal.note(f"stopped by {run.stopped_by}" + ("" if duration_s is None else f" before {duration_s:g} s were over"))
+    code = how_it_ended(run.stopped_by, duration_s, terminal, failed=run.failed)
     return code or (0 if run.people else NO_PERSON_CODE)
+
+
+def how_it_ended(stopped_by: str, duration_s: float | None, terminal: Terminal, *, failed: bool = False) -> int:
+    """State what request ended the session early; the exit code."""
+    code = session_exit_code(stopped_by, endless=duration_s is None, failed=failed)
+    if stopped_by and code:
+        terminal.note(f"stopped by {stopped_by}" + ("" if duration_s is None else f" before {duration_s:g} s were over"))
+    return code
 
 
 def _show_next(outputs: OutputOptions, terminal: Terminal, *, people: bool) -> None:
