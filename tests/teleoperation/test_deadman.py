@@ -50,6 +50,16 @@ def test_keys_of_a_terminal(terminal):
     switch.close()
 
 
+def test_a_terminal_that_was_closed_releases_the_switch():
+    pty = pytest.importorskip("pty", reason="this system has no terminals of programs")
+    ours, theirs = pty.openpty()
+    with os.fdopen(theirs) as stream:
+        switch = KeySwitch(stream)
+        os.close(ours)
+        assert switch.poll(NOW_NS, None).heartbeats == ()
+        switch.close()
+
+
 def test_without_a_terminal_there_is_one_line(tmp_path):
     with open(tmp_path / "file", "w+") as file, pytest.raises(SourceError, match="no terminal"):  # noqa: PTH123
         KeySwitch(file)

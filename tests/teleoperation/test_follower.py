@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from bench.rehearsal.robots import ExactRobot
+from posefuse.core import SourceError
 from posefuse_teleop.follower import Driver
 from posefuse_teleop.gate import Pressed
 from posefuse_teleop.session import run_control_loop
@@ -99,7 +100,7 @@ MS = 1_000_000
 STILL = ExactRobot([0.0, 0.0, 0.0]).state()
 
 
-def loop(*states, **options):
+def loop(*states, check=lambda: None, **options):
     """(robot, what the operator's loop gives) with a robot that answers these states whatever it receives, and no person."""
     robot = SimpleNamespace(left=list(states), state=None, send=lambda order: None)
 
@@ -113,6 +114,9 @@ def loop(*states, **options):
         ended = property(lambda _: not robot.left)
         wait_newer = newest = lambda self, *_: None
 
+        def check(self):
+            check()
+
     robot.poll = poll
     never = SimpleNamespace(hint="", poll=lambda now_ns, view: Pressed(), close=lambda: None)
     return robot, run_control_loop(NoPoses(), never, robot, SETTINGS, **options)
@@ -121,6 +125,13 @@ def loop(*states, **options):
 def test_a_request_to_end_leaves_the_figures():
     robot, done = loop(state(0, 0), state(0, 0), stopped=["SIGINT"])
     assert (done.stopped_by, done.fault, len(robot.left)) == ("SIGINT", "", 2)
+
+
+def test_a_session_that_fails_is_a_fault():
+    def check():
+        raise SourceError("live: the session's process 7 ended by signal SIGKILL")
+
+    assert "SIGKILL" in loop(state(0, 0), check=check)[1].fault
 
 
 def state(sent_ms, image_ms, limited=""):

@@ -156,6 +156,15 @@ def test_the_clock_may_neither_stall_nor_go_back(jump_ns):
     assert run.tick() is not Phase.ENGAGED
 
 
+@pytest.mark.parametrize(("gap_s", "phase"), [(0.3, Phase.ENGAGED), (0.6, Phase.IDLE), (3600.0, Phase.IDLE)])
+def test_a_program_that_was_stopped_for_longer_than_a_short_loss_needs_a_new_press(gap_s, phase):
+    run = Run().engaged()
+    run.now_ns += round(gap_s * 1e9)
+    assert run.tick() is not Phase.ENGAGED
+    assert run.tick(60) is phase
+    assert run.pressed_again() is Phase.ENGAGED
+
+
 def test_poses_that_repeat_to_the_last_bit_are_frozen():
     run = Run().engaged()
     assert run.tick(11, xyz_world=HAND[None]) is Phase.ENGAGED

@@ -1,11 +1,14 @@
 """Real processes: whatever is killed or stopped, the robot stands soon after. Times are measured in the bench, not here."""
 
 import itertools
+import math
 import os
+import shutil
 import signal
 import sys
 import time
 from contextlib import closing
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -35,15 +38,15 @@ def speed(state):
     return np.linalg.norm(state.velocity_world)
 
 
-def set_moving(link):
-    """Orders until the robot moves at 0.1 m/s or more."""
+def set_moving(link, least_mps=0.1):
+    """Orders until the robot moves so fast."""
     numbers = itertools.count(1)
 
     def one_more():
         link.send(order(next(numbers), time.monotonic_ns(), link.state.xyz_world + [0.0, 0.0, 0.1], link.state.wxyz))
         link.poll()
 
-    until(lambda: speed(link.state) >= 0.1, one_more)
+    until(lambda: speed(link.state) >= least_mps, one_more)
 
 
 def test_the_robot_moves_by_orders_and_stands_without_them(link):
@@ -72,16 +75,52 @@ def test_a_robot_process_that_is_killed_is_reported(link):
     refusal(SourceError, "its process has ended", until, lambda: False, link.poll)
 
 
+@pytest.mark.skipif(sys.platform == "win32", reason="Windows limits no files of a process")
+def test_a_recording_that_fails_stops_the_robot_first(tmp_path, capfd):
+    import resource
+
+    plan = replace(PLAN, record=tmp_path / "robot.mcap")
+    before = resource.getrlimit(resource.RLIMIT_FSIZE)
+    # for the process of the robot, a disk that is full after its first bytes
+    resource.setrlimit(resource.RLIMIT_FSIZE, (1000, before[1]))
+    try:
+        made = RobotLink(plan)
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, before)
+    with closing(made):
+        made.wait_ready()
+        refusal(SourceError, "robot.mcap: cannot be written", set_moving, made, math.inf)
+        assert speed(made.state) == 0.0 and made.state.order_seq == -1
+    assert capfd.readouterr().err == ""
+
+
 def test_a_robot_that_cannot_be_driven_is_reported_in_one_line():
     with closing(RobotLink(RobotPlan(settings=TeleoperationSettings(), frames=("tool",)))) as made:
         refusal(ConfigError, "no site 'tool'", made.wait_ready)
 
 
+def teleoperating(demo_session, *options):
+    words = command(demo_session, "--deadman", "gesture", "--elsewhere", *options)
+    running = Live(["teleoperate" if word == "live" else word for word in words])
+    running.wait_for("READY")
+    return running
+
+
+@pytest.mark.realtime
+def test_a_recording_of_the_session_that_is_lost_is_reported_and_a_failure(demo_session, tmp_path):
+    folder = tmp_path / "recorded"
+    folder.mkdir()
+    running = teleoperating(demo_session, "--record", str(folder / "session.mcap"))
+    shutil.rmtree(folder)
+    running.wait_for("the file is gone")
+    running.process.send_signal(signal.SIGINT)
+    figures, said = running.ended(1)
+    assert figures["failed"] and "warning: record: " in said
+
+
 @pytest.mark.realtime
 def test_ctrl_c_ends_a_session_in_order_and_its_figures_are_printed(demo_session):
-    words = command(demo_session, "--deadman", "gesture", "--elsewhere")
-    running = Live(["teleoperate" if word == "live" else word for word in words])
-    running.wait_for("IDLE|READY")
+    running = teleoperating(demo_session)
     running.process.send_signal(signal.SIGINT)
     figures = running.figures()
     assert figures["stopped_by"] == "SIGINT" and figures["phases"] and not figures["failed"]

@@ -13,6 +13,7 @@ import pytest
 from checks import assert_same, refusal
 from commanded import commanded
 from own_domain import own_domain
+from scipy.interpolate import CubicHermiteSpline
 
 from bench.rehearsal.faults import engaged_world, tick
 from bench.rehearsal.world import settings_for
@@ -315,6 +316,24 @@ def test_a_trajectory_does_not_brake_beyond_the_joints_limits(jointed):
     assert (ends <= chain.high[chain.arm]).all() and (ends >= chain.low[chain.arm]).all()
 
 
+@pytest.mark.parametrize("brakes", [True, False])
+@pytest.mark.parametrize("left_out", [3, 10, 40])
+def test_a_process_that_was_stopped_does_not_throw_the_arm_back(jointed, left_out, brakes):
+    """The controller is where its last trajectory leads; the next one continues there, as far as it was going."""
+    node, robot = jointed
+    last = moving(robot)
+    times_s = [point.time_from_start.sec + point.time_from_start.nanosec / 1e9 for point in last.points]
+    path = CubicHermiteSpline(times_s, [one.positions for one in last.points], [one.velocities for one in last.points])
+    here = path(min((left_out + 1) * DT_S, times_s[-1]))
+    state = robot.state()
+    robot.move(commanded(state.xyz_world, state.wxyz, brakes=brakes), DT_S, left_out)
+    first = next(msg for msg in node.sent[::-1] if hasattr(msg, "points")).points[0]
+    rates, before = (first.positions - here) / (2 * DT_S), last.points[0].velocities
+    share = rates @ before / (before @ before)
+    assert -0.05 < share < 1
+    np.testing.assert_allclose(rates, share * before, atol=0.02)
+
+
 def test_a_driver_that_fails_leaves_a_robot_without_velocity(clock, monkeypatch):
     node, robot = cartesian("twist", clock)
     robot.move(wanted(robot, (0.1, 0.2, 0.3)), DT_S)
@@ -398,13 +417,13 @@ SETTINGS = TeleoperationSettings(robot=RobotSettings(position_xy_m=(2.0, 0.0), h
 def robot_node():
     node, ended = PLAN.node("robot"), threading.Event()
     bent = SE3.from_rotvec([0, 0, 0.3], [0.3, 0, 0.5])
-    places = [transform(time.time_ns(), "base_link", "elbow", bent), transform(time.time_ns(), "elbow", "tool", SE3.identity())]
+    joined = ("base_link", "elbow", bent), ("elbow", "tool", SE3.identity())
 
     def publish():
         while not ended.wait(0.02):
             t_ns = time.time_ns()
             node.publish(Topic(JOINT_STATES, "sensor_msgs/msg/JointState"), joint_state(t_ns * 1e-9, ARM_HOME_RAD), t_ns)
-            node.publish(TF, message("tf2_msgs/msg/TFMessage", transforms=places), t_ns)
+            node.publish(TF, tf_message(t_ns * 1e-9, *joined), t_ns)
 
     thread = threading.Thread(target=publish)
     thread.start()
@@ -467,6 +486,30 @@ def test_joints_of_our_inverse_kinematics_go_to_a_controller(tmp_path, controlle
         base = received(node, Topic("/cmd_vel", "geometry_msgs/msg/TwistStamped", depth=1), lambda: robot.move(at_rest, 0.01))
         assert abs(base.twist.linear.x) <= 0.3
         robot.close()
+
+
+@pytest.mark.parametrize("command", ["pose", "joints"])
+def test_a_robot_that_another_program_drives_is_refused(tmp_path, command):
+    """Even one that only stands there sends its own positions, and the robot would be thrown between both."""
+    file, frame = tmp_path / "robot.xml", "tool" if command == "pose" else "right_hand"
+    file.write_text(mobile_manipulator())
+    with robot_node():
+        first = open_ros_robot(command, PLAN, file, (frame,), SETTINGS)
+        state = first.state()
+        first.move(commanded(state.xyz_world, state.wxyz, brakes=True), 0.01)
+        refusal(
+            SourceError,
+            f"another program sends {first.commands.copy().pop()}",
+            open_ros_robot,
+            command,
+            PLAN,
+            file,
+            (frame,),
+            SETTINGS,
+        )
+        first.close()
+        # one that was closed is in no one's way
+        open_ros_robot(command, PLAN, file, (frame,), SETTINGS).close()
 
 
 def test_a_robot_without_a_model_is_refused_before_it_is_on_the_network():

@@ -148,6 +148,13 @@ class LiveSession(Closing):
         """Whether no more poses will come."""
         return self._ended or (self._worker is not None and not self._worker.running)
 
+    def check(self) -> None:
+        """Raise PosefuseError where the session ended for a reason other than its time or its sources."""
+        if self._error is not None:
+            raise self._error
+        if self._worker is not None and self._worker.trouble and not self._ended:
+            raise SourceError(f"live: the session's {self._worker.trouble}")
+
     @property
     def pid(self) -> int | None:
         """Of the session's process; None before it begins."""
@@ -213,12 +220,10 @@ class LiveSession(Closing):
             while not self._ended and not self._is_new():
                 self._changed.wait(0.2)
                 waited_s += 0.2
-                if self._worker is not None and self._worker.trouble and not self._ended:
-                    raise SourceError(f"live: the session's {self._worker.trouble}")
+                self.check()
                 if timeout_s is not None and waited_s > timeout_s:
                     raise SourceError(f"live: the session did not begin within {timeout_s:g} s")
-            if self._error is not None:
-                raise self._error
+            self.check()
             return self._newest if self._is_new() else None
 
     def _is_new(self) -> bool:

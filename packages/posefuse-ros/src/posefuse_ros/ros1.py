@@ -152,6 +152,10 @@ class Ros1Node(Closing):
         """How many listen to a topic that was published before."""
         return int(self._publishers[topic.name].get_num_connections())
 
+    def topics(self) -> dict[str, set[str]]:
+        """Topics that are published, our own ones too, with their types (``pkg/Type``)."""
+        return {name: {kind} for name, kind in self._rospy.get_published_topics()}
+
     def close(self) -> None:
         """Leave the master; safe to call twice."""
         if self not in _OPEN:

@@ -100,6 +100,8 @@ def teleoperate(
         with stop_requests() as stopped:
             summary = run_control_loop(session, switch, link, settings, watches=watches, stopped=stopped)
             stack.close()
+    outputs = [f"{name}: {output.fault}" for name, output in session.outputs.items() if output.failures]
+    summary.fault = "; ".join(filter(None, [summary.fault or link.trouble, *outputs]))
     return summary
 
 

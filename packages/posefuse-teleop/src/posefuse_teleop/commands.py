@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 from cyclopts import Group, Parameter
 
 import posefuse as pf
-from posefuse.cli.live import LIVE_SETTINGS, LiveOptions, TimingOptions, how_it_ended
+from posefuse.cli.live import LIVE_SETTINGS, LiveOptions, TimingOptions, exit_code
 from posefuse.cli.options import (
     ONE_WORD,
     OUTPUTS,
@@ -163,16 +163,6 @@ def teleoperate(
     _check_used(robot, ros)
     if not source:
         raise ConfigError("--source: expected one per camera, e.g. --source cam1=usb:0, or --source sim:SCENE.yaml")
-    session = pf.live(
-        rig,
-        source,
-        config=settings.config,
-        settings=settings.changes,
-        record=robot.record,
-        ros=ros_2.settings,
-        duration_s=timing.duration,
-        loop_s=timing.loop,
-    )
     plan = RosPlan(
         version=1 if ros.ros1 else 2,
         network=package_of_extra("posefuse_ros.dds_domain", "ros").Network(**ros_2.network) if wanted else None,
@@ -182,6 +172,17 @@ def teleoperate(
         stamped=not (ros.cmd_vel_twist or ros.ros1),
     )
     with terminal.stages() as report:
+        session = pf.live(
+            rig,
+            source,
+            config=settings.config,
+            settings=settings.changes,
+            record=robot.record,
+            ros=ros_2.settings,
+            duration_s=timing.duration,
+            loop_s=timing.loop,
+            progress=report,
+        )
         done = pf.teleoperate(
             session,
             deadman=robot.deadman,
@@ -197,7 +198,7 @@ def teleoperate(
             watch=_News(terminal),
             progress=report,
         )
-    code = how_it_ended(done.stopped_by, timing.duration, terminal, failed=bool(done.fault))
+    code = exit_code(done, timing.duration, terminal)
     return {**_shown(done, terminal), "exit_code": code}
 
 
@@ -256,8 +257,9 @@ def _shown(done: "Summary", terminal: Terminal) -> Mapping[str, Any]:
         "p95 ms": p95,
         "late control steps of the robot": done.robot_late,
     }
-    fault = [Note(done.fault, warning=True)] if done.fault else []
-    terminal.show([*blocks, Heading("session"), Facts(facts), *fault])
+    problems = [done.fault, "" if done.people else "no person was tracked"]
+    notes = [Note(text, warning=True) for text in problems if text]
+    terminal.show([*blocks, Heading("session"), Facts(facts), *notes])
     return {
         "phases": shares,
         "reasons": dict(done.reasons),
@@ -267,5 +269,5 @@ def _shown(done: "Summary", terminal: Terminal) -> Mapping[str, Any]:
         "robot_late": done.robot_late,
         "seconds": done.seconds,
         "stopped_by": done.stopped_by,
-        "failed": bool(done.fault),
+        "failed": done.failed,
     }

@@ -354,11 +354,11 @@ def step_gate(gate: Gate, seen: Seen, settings: GateSettings) -> Gate:
         return replace(after, phase=Phase.STOPPED, person_id=None, let_go=False, reason=reason)
     if found.ends and gate.phase is not Phase.STOPPED:
         return replace(after, phase=Phase.IDLE, person_id=None, lost_ns=None, let_go=False)
-    return _next_phase(gate.phase, after, found, seen)
+    return _next_phase(gate, after, found, seen)
 
 
-def _next_phase(phase: Phase, after: Gate, found: Finding, seen: Seen) -> Gate:
-    now_ns, fine = seen.now_ns, found.share > 0
+def _next_phase(before: Gate, after: Gate, found: Finding, seen: Seen) -> Gate:
+    phase, now_ns, fine = before.phase, seen.now_ns, found.share > 0
     let_go = seen.heartbeats.let_go(now_ns)
     if phase is Phase.STOPPED:
         if seen.pressed.reset and let_go:
@@ -376,8 +376,9 @@ def _next_phase(phase: Phase, after: Gate, found: Finding, seen: Seen) -> Gate:
         return replace(after, phase=Phase.ENGAGED, share=found.share, lost_ns=None)
     if fine and held and settled:
         return _engaged(after, found)
-    lost_ns = after.lost_ns if phase is Phase.HOLD and after.lost_ns is not None else now_ns
-    if not 0 <= now_ns - lost_ns <= REENGAGE_S * 1e9:
+    # from the last step without a loss: a program that was stopped meanwhile has lost all of that time
+    lost_ns = before.now_ns if before.lost_ns is None else before.lost_ns
+    if lost_ns is None or not 0 <= now_ns - lost_ns <= REENGAGE_S * 1e9:
         return replace(after, phase=Phase.IDLE, person_id=None, lost_ns=None, let_go=False)
     reason = after.reason if not fine else "switch let go" if not held else "settling"
     return replace(after, phase=Phase.HOLD, lost_ns=lost_ns, reason=reason)

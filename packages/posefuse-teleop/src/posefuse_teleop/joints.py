@@ -63,6 +63,12 @@ class Joints:
             self.move(wanted.xyz, wanted.wxyz, dt_s)
         return self.q
 
+    def coast(self, steps: int, dt_s: float) -> None:
+        """So many steps that were never commanded, of a robot that stops by itself: one more like the last, then the stop."""
+        self._take(self.step, self._stop, self._along)
+        for _ in range(min(steps - 1, len(self._stop) + 1)):
+            self.brake(dt_s)
+
     def resting(self) -> tuple[Array, float]:
         """(n,) where the joints rest at the end of the checked stop, and how many control steps from now."""
         return self.q + sum(self._stop) * self._along, len(self._stop)

@@ -8,7 +8,8 @@ from __future__ import annotations
 import gc
 import signal
 import time
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -72,12 +73,27 @@ def run_robot(channel: Channel, plan: RobotPlan) -> None:
     asked: list[int] = []
     signal.signal(signal.SIGTERM, lambda number, _: asked.append(number))
     try:
-        with punctual():
+        with punctual(), _failures_sent(channel, plan):
             _drive(channel, Driver(robot, plan.settings), plan.settings.robot.rate_hz, reporters, asked)
     finally:
         robot.close()
         for reporter in reporters:
-            reporter.close()
+            with _failures_sent(channel, plan):
+                reporter.close()
+
+
+@contextmanager
+def _failures_sent(channel: Channel, plan: RobotPlan) -> Iterator[None]:
+    """Send what keeps the robot from being driven, or its record from being written, to the operator's side."""
+    try:
+        yield
+        return
+    except PosefuseError as error:
+        failure = error
+    except OSError as error:
+        failure = SourceError(f"{plan.record}: cannot be written ({error.strerror})")
+    with suppress(ChannelClosed):
+        channel.send(failure, wait_s=1.0)
 
 
 def built(plan: RobotPlan) -> Robot:
@@ -96,8 +112,11 @@ def built(plan: RobotPlan) -> Robot:
 
 
 def _drive(channel: Channel, driver: Driver, rate_hz: float, reporters: Sequence[Reporter], asked: Sequence[int]) -> None:
-    """Control steps until the robot stands after a `Leave`, a cut link or a signal; `asked` gets those."""
-    period_ns = round(_S / rate_hz)
+    """Control steps until the robot stands after a `Leave`, a cut link, a signal, or a reporter that failed.
+
+    asked: gets the signals. Raises what the reporter raised.
+    """
+    period_ns, failed = round(_S / rate_hz), None
     due_ns, late, left_out, link, leaving = time.monotonic_ns() + period_ns, 0, 0, True, False
     gc.collect()
     gc.freeze()
@@ -114,15 +133,20 @@ def _drive(channel: Channel, driver: Driver, rate_hz: float, reporters: Sequence
         leaving = leaving or bool(asked)
         state = driver.step(orders, time.monotonic_ns(), link=link and not leaving, late=late, left_out=left_out)
         link = link and _delivered(channel, state)
-        for reporter in reporters:
-            reporter.take(state, driver.follower.order)
+        try:
+            for reporter in reporters:
+                reporter.take(state, driver.follower.order)
+        except (PosefuseError, OSError) as error:
+            failed, leaving, reporters = error, True, ()
         if (leaving or not link) and driver.follower.stands:
-            return
+            break
         due_ns += period_ns
         late = max(0, (time.monotonic_ns() - due_ns) // period_ns)
         left_out = late if late > _MOST_BEHIND else 0
         if left_out:
             due_ns = time.monotonic_ns()
+    if failed is not None:
+        raise failed
 
 
 def _delivered(channel: Channel, state: RobotState) -> bool:
@@ -134,10 +158,15 @@ def _delivered(channel: Channel, state: RobotState) -> bool:
 
 
 class RobotLink:
-    """The robot's process, as the operator's side sees it. pid: of the process. state: the newest; None before the first."""
+    """The robot's process, as the operator's side sees it.
+
+    Attributes:
+        pid: of the process. state: the newest; None before the first. trouble: what went wrong at its end; empty: nothing.
+    """
 
     def __init__(self, plan: RobotPlan) -> None:
         self.state: RobotState | None = None
+        self.trouble = ""
         # a robot that lost its link brakes before its process ends
         self._worker = Worker(run_robot, closed_s=_LEAVE_S)
         self._worker.start(plan)
@@ -157,8 +186,7 @@ class RobotLink:
         while (message := self._worker.receive()) is not None:
             if isinstance(message, PosefuseError):
                 raise message
-            newest = message
-        self.state = newest or self.state
+            self.state = newest = message
         self._check()
         return newest
 
@@ -170,6 +198,10 @@ class RobotLink:
     def close(self) -> None:
         """Let the robot brake and its process leave."""
         self._worker.send(Leave())
+        end_s = time.monotonic() + _LEAVE_S
+        while self._worker.wait(max(0.0, end_s - time.monotonic())):
+            if isinstance(message := self._worker.receive(), PosefuseError):
+                self.trouble = str(message)
         self._worker.end(_LEAVE_S)
 
     def _check(self) -> None:

@@ -91,9 +91,13 @@ class Frames:
 
 
 JOINT_STATES = "/joint_states"
+# what controllers of ros2_control take: positions at once, or a path that ends at rest
+_POSITIONS, _TRAJECTORY = "std_msgs/msg/Float64MultiArray", "trajectory_msgs/msg/JointTrajectory"
 _MOST_BYTES = 1_000_000
 # the robot's own state may be so old, and the wait for the first one so long
 _STATE_S, _FIRST_S = 0.2, 10.0
+# another program that drives the robot is found on the network by then
+_OTHERS_S = 1.0
 # velocities drift: of what a robot moved less or more than commanded, this is the time constant of forgetting
 _FORGET_S = 3.0
 # a node that leaves at once may take its last message with it
@@ -111,7 +115,8 @@ def open_ros_robot(
     """A robot whose first state has come.
 
     Raises:
-        SourceError: no state comes. ConfigError: a model that does not fit. DependencyError: ROS 1 without rospy.
+        SourceError: no state comes, or another program drives it. ConfigError: a model that does not fit.
+        DependencyError: ROS 1 without rospy.
     """
     place = placed(settings.robot.position_xy_m, settings.robot.heading_deg)
     # refused before anything of it is on the network
@@ -124,11 +129,13 @@ def open_ros_robot(
             robot = RosJoints(node, plan, chain, settings.limits, place)
         else:
             robot = RosCartesian(node, plan, command, tuple(frames), place)
-        end_s = time.monotonic() + _FIRST_S
-        while not robot.known() and time.monotonic() < end_s:
+        begun_s = time.monotonic()
+        while time.monotonic() < begun_s + (_OTHERS_S if robot.known() else _FIRST_S):
             time.sleep(0.02)
         if not robot.known():
             raise SourceError(f"robot: nothing of {robot.needs} came within {_FIRST_S:g} s")
+        for topic in robot.commands & set(node.topics()):
+            raise SourceError(f"robot: another program sends {topic}; end it first, a robot cannot follow two")
         refused.pop_all()
     return robot
 
@@ -178,16 +185,20 @@ class _Renewals:
 
 
 class RosJoints:
-    """Joint commands from our own inverse kinematics (`follower.Robot`). needs: the topic with the joint states."""
+    """Joint commands from our own inverse kinematics (`follower.Robot`).
+
+    Attributes:
+        needs: the topic with the joint states. commands: names of topics that no other program may send.
+    """
 
     def __init__(self, node: Any, plan: RosPlan, chain: Chain, limits: LimitSettings, place: SE3) -> None:
         self._node, self._plan = node, plan
         self.joints, self.needs = Joints(chain, limits, place), JOINT_STATES
         self._states = _Inbox(node, Topic(JOINT_STATES, "sensor_msgs/msg/JointState", depth=5))
-        arm_type = (
-            "std_msgs/msg/Float64MultiArray" if plan.controller.endswith("/commands") else "trajectory_msgs/msg/JointTrajectory"
-        )
+        arm_type = _POSITIONS if plan.controller.endswith("/commands") else _TRAJECTORY
         self._arm = Topic(plan.controller, arm_type, depth=1)
+        # of a base there may be others, e.g. for navigation while the robot stands
+        self.commands = {plan.controller}
         vel_type = "geometry_msgs/msg/TwistStamped" if plan.stamped else "geometry_msgs/msg/Twist"
         self._base = Topic(plan.cmd_vel, vel_type, depth=1) if plan.cmd_vel else None
         if not chain.arm.all() and self._base is None:
@@ -210,6 +221,10 @@ class RosJoints:
 
     def move(self, wanted: Follower, dt_s: float, left_out: int = 0) -> None:
         """See `Robot`."""
+        if left_out and self._arm.type_name == _TRAJECTORY:
+            # the arm followed its last trajectory meanwhile: one that began where that did would throw it back
+            self.joints.coast(left_out, dt_s)
+            left_out = 0
         q, rates = self.joints.follow(wanted, dt_s, left_out), self.joints.step / dt_s
         t_ns, arm = time.time_ns(), self.joints.chain.arm
         self._node.publish(self._arm, self._arm_message(q[arm], rates[arm], dt_s, t_ns), t_ns)
@@ -233,7 +248,7 @@ class RosJoints:
 
     def _arm_message(self, q: Array, rates: Array, dt_s: float, t_ns: int) -> Any:
         chain = self.joints.chain
-        if self._arm.type_name == "std_msgs/msg/Float64MultiArray":
+        if self._arm.type_name == _POSITIONS:
             layout = message("std_msgs/msg/MultiArrayLayout", dim=[], data_offset=0)
             return message(self._arm.type_name, layout=layout, data=q)
         ahead_s = _AHEAD_PERIODS * dt_s
@@ -259,7 +274,10 @@ class RosJoints:
 
 
 class RosCartesian:
-    """Poses or twists for a controller with its own inverse kinematics (`follower.Robot`). needs: the source of its position.
+    """Poses or twists for a controller with its own inverse kinematics (`follower.Robot`).
+
+    Attributes:
+        needs: the source of its position. commands: names of topics that no other program may send.
 
     Singularities are that controller's business: it may always be as fast as the limit.
     """
@@ -272,6 +290,7 @@ class RosCartesian:
         kind = "PoseStamped" if command == "pose" else "TwistStamped"
         name = "target" if command == "pose" else "twist"
         self._topics = [Topic(f"{NAMESPACE}/{frame}/{name}", f"geometry_msgs/msg/{kind}", depth=1) for frame in frames]
+        self.commands = {topic.name for topic in self._topics}
         self._twists = command == "twist"
         self._wanted: Follower | None = None
         self._joining = frozenset[str]()

@@ -137,8 +137,8 @@ class Summary:
     Attributes:
         seconds: it lasted. ticks: steps by phase. reasons: steps by what limited or held the robot.
         latency_ms: mid-exposure of the newest image to the command that used it, newest ones. engagements: how often.
-        robot_late: control steps of the robot's side that were late. fault: why it ended early; empty when it did not.
-        stopped_by: name of the signal that ended it; empty when none did.
+        robot_late: control steps of the robot's side that were late. fault: why it ended early, or what failed; empty: nothing.
+        stopped_by: name of the signal that ended it; empty when none did. people: whether a person was ever seen.
     """
 
     seconds: float = 0.0
@@ -149,6 +149,12 @@ class Summary:
     robot_late: int = 0
     fault: str = ""
     stopped_by: str = ""
+    people: bool = False
+
+    @property
+    def failed(self) -> bool:
+        """Whether anything went wrong."""
+        return bool(self.fault)
 
 
 def run_control_loop(
@@ -186,6 +192,7 @@ def run_control_loop(
             image_ns = _count(summary, operator, robot, image_ns)
             for watch in watches:
                 watch(operator, order)
+        session.check()
     except PosefuseError as error:
         summary.fault = str(error)
     summary.seconds, summary.stopped_by = time.monotonic() - begun_s, next(iter(stopped), "")
@@ -203,6 +210,7 @@ def _count(summary: Summary, operator: Operator, robot: RobotLink, image_ns: int
     gate = operator.gate
     summary.ticks[gate.phase.value] += 1
     summary.engagements += gate.engages
+    summary.people |= operator.view is not None and operator.view.person_id >= 0
     if gate.reason and gate.phase in (Phase.ENGAGED, Phase.HOLD):
         summary.reasons[gate.reason] += 1
     state = robot.state

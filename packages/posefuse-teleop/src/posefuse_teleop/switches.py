@@ -96,7 +96,8 @@ class KeySwitch(_Counting):
         if self._before is not None:
             import termios
 
-            with contextlib.suppress(OSError, ValueError):
+            # the terminal may be gone
+            with contextlib.suppress(OSError, ValueError, termios.error):
                 termios.tcsetattr(self._fd, termios.TCSADRAIN, self._before)
             self._before = None
 
