@@ -14,7 +14,7 @@ from posefuse.core.se3 import quaternion_product, wxyz_from_rotvec
 from posefuse_sim.body import SimulatedBody
 from posefuse_sim.body.body import GROUPS
 from posefuse_sim.build import LiveScene
-from posefuse_sim.props import Prop
+from posefuse_sim.props import BOX_TRIANGLES, Prop
 from posefuse_sim.surroundings import RoomSettings
 
 from . import textures
@@ -142,8 +142,8 @@ class _Builder:
             name=name,
             uservert=prop.vertices.ravel(),
             usertexcoord=prop.uv.ravel(),
-            userface=prop.faces.ravel(),
-            userfacetexcoord=prop.faces.ravel(),
+            userface=BOX_TRIANGLES.ravel(),
+            userfacetexcoord=BOX_TRIANGLES.ravel(),
         )
         body = self._world.add_body(name=name, mocap=True)
         body.add_geom(type=self._mj.mjtGeom.mjGEOM_MESH, meshname=name, material=name)
