@@ -29,7 +29,7 @@ from posefuse_sim.render import textures
 from posefuse_sim.render.model import AMBIENT, FILL, FILL_DIRECTIONS, LAMP, lamp_height_m
 from posefuse_sim.surroundings import Box, RoomSettings
 
-from .collada import Mesh, numbers
+from .collada import Mesh, floats_text
 
 SDF_VERSION = "1.9"
 WORLD = "posefuse"
@@ -193,7 +193,7 @@ def _grey(level: float) -> str:
 
 def _numbers(values: float | Sequence[float] | Array) -> str:
     # what is read back is the same to the last nanometre
-    return numbers(values, digits=15)
+    return floats_text(values, digits=15)
 
 
 @dataclass(frozen=True, kw_only=True)
