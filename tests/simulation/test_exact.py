@@ -173,7 +173,7 @@ _BOARDS = [((7, 5), 0.10, 0.075), ((9, 6), 0.05, 0.0371), ((4, 3), 0.2, 0.11)]
 def test_the_black_of_a_marker_is_printed_from_corner_to_corner(settings):
     prop = prop_from_settings(settings)
     black = 1 - prop.texture[..., 0] / prop.texture.max()
-    for marker, corners in enumerate(prop.corners_prop):
+    for marker, corners in enumerate(prop.points_prop[: 4 * len(prop.marker_id)].reshape(-1, 4, 3)):
         px_from_prop = _texture_px_from_prop(prop, face=marker if settings.kind == "aruco_cube" else 4)
         begin, end = (np.append(corners[k], 1) @ px_from_prop for k in (0, 2))
         cell = (end - begin) / 6

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from calibrating import refined
 from checks import refusal
-from scenes import PLAIN_ROOM, listed, scene, still
+from scenes import PLAIN_ROOM, chess_corners, listed, scene, still
 
 from posefuse.core import ConfigError
 from posefuse.core.depth import MM_PER_M
@@ -43,7 +43,7 @@ def _scene(image: dict, prop: dict = _BOARD, **sensor) -> Scene:
 def test_chessboard_corners_are_at_their_projections(lens, shots):
     live, [shot] = shots(_scene(LENSES[lens]))
     prop, camera = live.props[0], live.rig.cameras[0]
-    chess = live.prop_poses(np.zeros(1))[0][0] @ prop.chess_prop
+    chess = live.prop_poses(np.zeros(1))[0][0] @ chess_corners(prop)
     expected = camera.project(chess)
     assert shot.visible[-len(chess) :].all()
     error = refined(shot.image, expected, 3) - expected
@@ -56,7 +56,7 @@ def test_chessboard_corners_are_at_their_projections(lens, shots):
 @pytest.mark.parametrize("lens", ["ideal", "bent"])
 def test_measured_depth_lies_under_the_projected_pixels(lens, shots):
     live, [shot] = shots(_scene(LENSES[lens], depth=EXACT_DEPTH))
-    eye, chess = live.rig.cameras[0], live.prop_poses(np.zeros(1))[0][0] @ live.props[0].chess_prop
+    eye, chess = live.rig.cameras[0], live.prop_poses(np.zeros(1))[0][0] @ chess_corners(live.props[0])
     column, row = np.rint(eye.project(chess)).astype(int).T
     found_m = shot.depth.values[row, column] * shot.depth.unit_m
     # half a pixel on a slanted board, and millimetres

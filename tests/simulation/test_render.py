@@ -9,7 +9,7 @@ import pytest
 from calibrating import refined
 from checks import refusal
 from running import python
-from scenes import PLAIN_ROOM, listed, scene, still
+from scenes import PLAIN_ROOM, chess_corners, listed, scene, still
 
 from posefuse.calibration.targets.detection import TargetDetector
 from posefuse.calibration.targets.kinds import Markers
@@ -50,7 +50,7 @@ def test_a_rolling_shutter_shears_moving_parts_as_the_truth_states(shots):
     rolling = _scene(readout_s=0.03, shutter_bands=60)
     frame = 10
     live, [shot] = shots(rolling, frame)
-    chess = slice(-len(live.props[0].chess_prop), None)
+    chess = slice(-len(chess_corners(live.props[0])), None)
     expected = seen_points(live, 0, slice(frame, frame + 1)).xy_img[0, chess]
     frozen = seen_points(live_scene(_scene()), 0, slice(frame, frame + 1)).xy_img[0, chess]
     # the top and the bottom of the picture are seen at different moments

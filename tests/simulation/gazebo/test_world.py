@@ -12,6 +12,7 @@ import pytest
 import yaml
 from calibrating import refined
 from checks import refusal
+from scenes import chess_corners
 from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
 
@@ -234,7 +235,7 @@ def test_the_lens_at_intake_makes_our_picture_of_an_ideal_one(written, draw, rea
 def _corners(written, camera):
     prop = next(one for one in written.live.props if one.kind == "charuco_board")
     place = written.live.props.index(prop)
-    return camera.project(written.live.prop_poses(np.zeros(1))[place][0] @ prop.chess_prop)
+    return camera.project(written.live.prop_poses(np.zeros(1))[place][0] @ chess_corners(prop))
 
 
 # --- actors: other people's COLLADA readers find our bones, skin and pictures where the scene has them

@@ -139,7 +139,7 @@ _SQUARE = np.array([[-1, 1], [1, 1], [1, -1], [-1, -1]])
 _SQUARE_UV = _SQUARE * [1, -1]
 # (6, 4, 3) corners of the faces of a box, in half edges, and the triangles of all faces
 _BOX = _CUBE_FACES[:, :1] + _SQUARE @ _CUBE_FACES[:, 1:]
-_BOX_TRIANGLES = (4 * np.arange(6)[:, None, None] + [[0, 2, 1], [0, 3, 2]]).reshape(-1, 3)
+BOX_TRIANGLES = (4 * np.arange(6)[:, None, None] + [[0, 2, 1], [0, 3, 2]]).reshape(-1, 3)
 
 
 @settings
@@ -196,7 +196,7 @@ class GroundTile:
 
 PropSettings = Annotated[ArucoCube | CharucoBoard | GroundTile, Field(discriminator="kind")]
 Path = StillPath | WavedPath | CarriedPath
-_NO_CHESS = np.zeros((0, 3))
+_OUT_OF_PLATE = np.array([0.0, 0.0, 1.0])
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -205,9 +205,11 @@ class Prop:
 
     Attributes:
         name, kind, dictionary: as in the scene.
-        marker_id: (M,) ids. corners_prop: (M, 4, 3) metres, in OpenCV's order of corners (top left, then clockwise).
-        chess_prop: (Q, 3) inner chessboard corners of a ChArUco board in OpenCV's order; (0, 3) otherwise.
-        vertices: (V, 3). uv: (V, 2) texture coordinates from the image's top left. faces: (F, 3).
+        marker_id: (M,) ids.
+        points_prop: (4 M + Q, 3) all points whose pixels the truth knows, metres: the corners of each marker in OpenCV's order
+            (top left, then clockwise), then the inner chessboard corners of a ChArUco board.
+        normals_prop: (4 M + Q, 3) outward unit normals of the sides those points are printed on.
+        vertices: (24, 3) of a box, see `BOX_TRIANGLES`. uv: (24, 2) texture coordinates from the image's top left.
         texture: (H, W, 3) uint8 RGB.
         path: how it moves.
     """
@@ -216,31 +218,16 @@ class Prop:
     kind: str
     dictionary: str
     marker_id: Array
-    corners_prop: Array
-    chess_prop: Array
+    points_prop: Array
+    normals_prop: Array
     vertices: Array
     uv: Array
-    faces: Array
     texture: Array
     path: Path
 
     def __post_init__(self) -> None:
-        dtypes = {"marker_id": np.int64, "faces": np.int32, "texture": np.uint8}
-        freeze_fields(self, dtypes | dict.fromkeys(("corners_prop", "chess_prop", "vertices", "uv"), np.float64))
-
-    @property
-    def points_prop(self) -> Array:
-        """(4 M + Q, 3) all points whose pixels the truth knows: marker corners, then chessboard corners."""
-        return np.concatenate([self.corners_prop.reshape(-1, 3), self.chess_prop])
-
-    @property
-    def normals_prop(self) -> Array:
-        """(4 M + Q, 3) outward unit normals of the sides those points are printed on."""
-        right = self.corners_prop[:, 1] - self.corners_prop[:, 0]
-        up = self.corners_prop[:, 0] - self.corners_prop[:, 3]
-        outward = np.cross(right, up)
-        outward = outward / np.linalg.norm(outward, axis=-1, keepdims=True)
-        return np.concatenate([np.repeat(outward, 4, axis=0), np.tile([0.0, 0.0, 1.0], (len(self.chess_prop), 1))])
+        dtypes = {"marker_id": np.int64, "texture": np.uint8}
+        freeze_fields(self, dtypes | dict.fromkeys(("points_prop", "normals_prop", "vertices", "uv"), np.float64))
 
 
 def prop_from_settings(prop: ArucoCube | CharucoBoard | GroundTile) -> Prop:
@@ -252,7 +239,7 @@ def prop_from_settings(prop: ArucoCube | CharucoBoard | GroundTile) -> Prop:
     if isinstance(prop, GroundTile):
         corners = _BOX[_PRINTED] * np.array([prop.marker_m, prop.marker_m, _PLATE_M]) / 2
         plate = _plate(np.full(2, prop.side_m), *_marker_print(prop, prop.id))
-        return _made(prop, np.array([prop.id]), corners[None], _NO_CHESS, plate)
+        return _made(prop, np.array([prop.id]), corners, _OUT_OF_PLATE, plate)
     return _cube(prop)
 
 
@@ -267,7 +254,8 @@ def _cube(prop: ArucoCube) -> Prop:
     atlas = np.vstack([np.hstack(pictures[:3]), np.hstack(pictures[3:])])
     normal = _CUBE_FACES[:, :1]
     corners = half * normal + prop.marker_m / 2 * (_BOX - normal)
-    return _made(prop, ids, corners, _NO_CHESS, (half * _BOX.reshape(-1, 3), np.concatenate(uv), atlas))
+    normals = np.repeat(normal, 4, axis=1).reshape(-1, 3)
+    return _made(prop, ids, corners.reshape(-1, 3), normals, (half * _BOX.reshape(-1, 3), np.concatenate(uv), atlas))
 
 
 def _board(prop: CharucoBoard) -> Prop:
@@ -288,18 +276,18 @@ def _board(prop: CharucoBoard) -> Prop:
 
     ids, markers = np.asarray(board.getIds()).ravel(), centred(np.array(board.getObjPoints()))
     chess = centred(np.asarray(board.getChessboardCorners()))
-    return _made(prop, ids, markers, chess, plate)
+    return _made(prop, ids, np.concatenate([markers.reshape(-1, 3), chess]), _OUT_OF_PLATE, plate)
 
 
 def _made(
-    prop: ArucoCube | CharucoBoard | GroundTile, ids: Array, corners: Array, chess: Array, shown: tuple[Array, Array, Array]
+    prop: ArucoCube | CharucoBoard | GroundTile, ids: Array, points: Array, normals: Array, shown: tuple[Array, Array, Array]
 ) -> Prop:
-    """A prop of ids (M,), corners (M, 4, 3) and chess (Q, 3); shown: vertices and texture coordinates of a box, and an image."""
+    """A prop of ids (M,), points and their normals (n, 3); shown: vertices and texture coordinates of a box, and an image."""
     about: dict[str, Any] = {name: getattr(prop, name) for name in ("name", "kind", "dictionary", "path")}
     vertices, uv, picture = shown
     texture, used = _power_of_two(picture)
-    about |= {"vertices": vertices, "uv": uv * used, "faces": _BOX_TRIANGLES, "texture": texture}
-    return Prop(**about, marker_id=ids, corners_prop=corners, chess_prop=chess)
+    about |= {"vertices": vertices, "uv": uv * used, "texture": texture}
+    return Prop(**about, marker_id=ids, points_prop=points, normals_prop=np.broadcast_to(normals, points.shape))
 
 
 def _plate(size_m: Array, picture: Array, half_uv: Array) -> tuple[Array, Array, Array]:

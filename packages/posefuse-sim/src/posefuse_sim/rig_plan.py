@@ -160,21 +160,20 @@ def plan_rig(
     area_m: tuple[float, float],
     *,
     step_m: float = 0.1,
-    heights_m: Sequence[float] = HEIGHTS_M,
     boxes: Sequence[Box] = (),
     noise: FuseSettings | None = None,
 ) -> RigPlan:
     """Coverage and expected error over the floor about the world's origin.
 
     Args:
-        rig: the cameras. area_m: (x, y) of the floor. step_m: between points. heights_m: above the floor.
+        rig: the cameras. area_m: (x, y) of the floor. step_m: between points.
         boxes: what hides points. noise: `sigma_share` and `sigma_min_px` are used; None: the defaults.
 
     Raises:
         InputError: more points than can be computed at once.
     """
     x_m, y_m = (_axis(size, step_m) for size in area_m)
-    height_m = np.asarray(heights_m, np.float64)
+    height_m = np.array(HEIGHTS_M)
     count = len(x_m) * len(y_m) * len(height_m)
     if count > _MOST_POINTS:
         raise InputError(f"plan: expected at most {_MOST_POINTS} points, got {count}; choose a larger step than {step_m:g} m")

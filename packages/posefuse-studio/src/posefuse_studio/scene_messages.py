@@ -54,17 +54,13 @@ def poses_message(
 
 
 def ellipsoid_factors(cov: Array, sigmas: float = 2.0) -> Array:
-    """(..., 3, 3) lower triangular L with ``L L^T = sigmas^2 cov``; NaN for covariances that are unknown or too large to draw."""
+    """(..., 3, 3) symmetric L with ``L L = sigmas^2 cov``; NaN for covariances that are unknown or too large to draw."""
     scaled = np.asarray(cov, float) * sigmas**2
     diagonal = np.diagonal(scaled, axis1=-2, axis2=-1)
     good = np.isfinite(scaled).all(axis=(-2, -1)) & (diagonal > 0).all(axis=-1) & (diagonal.max(axis=-1) < _LARGEST_M**2)
-    # as much on the diagonal as rounding can take away
-    safe = np.where(good[..., None, None], scaled, np.eye(3)) + 1e-12 * np.eye(3)
-    try:
-        found = np.linalg.cholesky(safe)
-    except np.linalg.LinAlgError:
-        values, vectors = np.linalg.eigh(safe)
-        found = vectors * np.sqrt(np.clip(values, 0.0, None))[..., None, :]
+    values, vectors = np.linalg.eigh(np.where(good[..., None, None], scaled, np.eye(3)))
+    # by rounding, the extent of a flat one may be below zero
+    found = vectors * np.sqrt(np.maximum(values, 0.0))[..., None, :] @ np.swapaxes(vectors, -1, -2)
     return np.asarray(np.where(good[..., None, None], found, np.nan))
 
 

@@ -26,6 +26,8 @@ from posefuse.core import OutputHealth
 from .workspace import SessionAddress, adapter
 
 MOST_BYTES = 64 * 2**20
+# between two reports of a session's state
+STATUS_S = 0.25
 _log = logging.getLogger(__name__)
 
 
@@ -190,17 +192,12 @@ class Pace:
     """True when something is due, at a limited rate."""
 
     def __init__(self, every_s: float) -> None:
-        self.every_s, self._next_s = every_s, 0.0
+        self._every_s, self._next_s = every_s, 0.0
 
     def due(self) -> bool:
         """Whether it is; the next time follows."""
         now_s = time.monotonic()
         if now_s < self._next_s:
             return False
-        self._next_s = max(self._next_s + self.every_s, now_s - self.every_s)
+        self._next_s = max(self._next_s + self._every_s, now_s - self._every_s)
         return True
-
-
-def status_pace(watched: bool) -> float:
-    """Seconds between two reports of the session's state."""
-    return 0.25 if watched else 1.0

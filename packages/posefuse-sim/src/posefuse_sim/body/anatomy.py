@@ -113,6 +113,27 @@ def turn(axis: str, angle_rad: Array) -> Array:
     return out
 
 
+def unit_vectors(vector: Array) -> Array:
+    """Vectors (..., 3) scaled to length 1."""
+    return np.asarray(vector / np.linalg.norm(vector, axis=-1, keepdims=True))
+
+
+def normal_part(vector: Array, along: Array) -> Array:
+    """The direction (..., 3) of what vectors have at a right angle to the unit vectors `along`."""
+    return unit_vectors(vector - np.sum(vector * along, axis=-1, keepdims=True) * along)
+
+
+def frame_along(y: Array, towards_z: Array) -> Array:
+    """(..., 3, 3) columns X, Y, Z with Y along `y` exactly and Z as near `towards_z` as that allows."""
+    y = unit_vectors(y)
+    return frame_of(y, normal_part(towards_z, y))
+
+
+def frame_of(y: Array, z: Array) -> Array:
+    """(..., 3, 3) columns X, Y, Z of unit vectors at a right angle."""
+    return np.stack([np.cross(y, z), y, z], axis=-1)
+
+
 def _mirrored(joint: str, r: Array) -> Array:
     return r * _MIRROR[:, None] * _MIRROR if joint.startswith("left_") else r
 
@@ -225,18 +246,10 @@ def _limb_frames(mesh: RestMesh, points: dict[str, Array], side: str) -> dict[st
     sole = (at["big_toe"] + at["small_toe"]) / 2 - at["heel"]
     foot_z = np.cross(sole * [1, 1, 0], _UP)
     return {
-        "upper_arm": (_axes(-upper, hinge), at["shoulder"]),
-        "forearm": (_axes(-lower, radial), at["elbow"]),
-        "hand": (_axes(at["wrist"] - knuckles, radial), at["wrist"]),
-        "thigh": (_axes(at["hip"] - at["knee"], _RIGHT), at["hip"]),
-        "shank": (_axes(at["knee"] - at["ankle"], _RIGHT), at["knee"]),
-        "foot": (_axes(_UP, foot_z), at["ankle"]),
+        "upper_arm": (frame_along(-upper, hinge), at["shoulder"]),
+        "forearm": (frame_along(-lower, radial), at["elbow"]),
+        "hand": (frame_along(at["wrist"] - knuckles, radial), at["wrist"]),
+        "thigh": (frame_along(at["hip"] - at["knee"], _RIGHT), at["hip"]),
+        "shank": (frame_along(at["knee"] - at["ankle"], _RIGHT), at["knee"]),
+        "foot": (frame_along(_UP, foot_z), at["ankle"]),
     }
-
-
-def _axes(y: Array, towards_z: Array) -> Array:
-    """(3, 3) columns X, Y, Z with Y along `y` and Z the part of `towards_z` normal to it."""
-    y = y / np.linalg.norm(y)
-    z = towards_z - (towards_z @ y) * y
-    z = z / np.linalg.norm(z)
-    return np.stack([np.cross(y, z), y, z], axis=1)

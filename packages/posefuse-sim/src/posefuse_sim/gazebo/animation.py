@@ -18,7 +18,7 @@ from posefuse_sim.body import SimulatedBody
 from posefuse_sim.body.body import GROUPS
 from posefuse_sim.build import MovingPerson
 from posefuse_sim.motion.posture import slerp
-from posefuse_sim.props import Prop
+from posefuse_sim.props import BOX_TRIANGLES, Prop
 
 from .collada import MOST_WEIGHTS, ColladaSkeleton, Mesh, in_parent, joint_name
 
@@ -121,11 +121,11 @@ def prop_actor(prop: Prop, poses_at: Callable[[Array], Array], duration_s: float
 def prop_mesh(prop: Prop) -> Mesh:
     """A prop's mesh with its image, which has its name."""
     normals = np.zeros_like(prop.vertices)
-    corners = prop.vertices[prop.faces]
+    corners = prop.vertices[BOX_TRIANGLES]
     # its vertices belong to one flat side each
-    normals[prop.faces] = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])[:, None]
+    normals[BOX_TRIANGLES] = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])[:, None]
     normals = normals / np.linalg.norm(normals, axis=-1, keepdims=True)
-    return Mesh(vertices=prop.vertices, normals=normals, uv=prop.uv, parts={"print": (f"{prop.name}.png", prop.faces)})
+    return Mesh(vertices=prop.vertices, normals=normals, uv=prop.uv, parts={"print": (f"{prop.name}.png", BOX_TRIANGLES)})
 
 
 def _reaching(mesh: Mesh, skeleton: ColladaSkeleton, world_from_joint: Array) -> tuple[Mesh, ColladaSkeleton]:

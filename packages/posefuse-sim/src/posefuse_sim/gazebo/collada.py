@@ -124,7 +124,7 @@ def _images_and_effects(root: ElementTree.Element, mesh: Mesh) -> None:
         if isinstance(look, str):
             _add(diffuse, "texture", texture=f"{name}-sampler", texcoord="UV")
         else:
-            _add(diffuse, "color", f"{_numbers(np.array(look))} 1")
+            _add(diffuse, "color", f"{floats_text(np.array(look))} 1")
 
 
 def _geometry(root: ElementTree.Element, mesh: Mesh) -> None:
@@ -144,7 +144,7 @@ def _geometry(root: ElementTree.Element, mesh: Mesh) -> None:
 
 def _controller(root: ElementTree.Element, skeleton: ColladaSkeleton) -> None:
     skin = _add(_add(_add(root, "library_controllers"), "controller", id="skin", name="skin"), "skin", source="#mesh")
-    _add(skin, "bind_shape_matrix", _numbers(np.eye(4)))
+    _add(skin, "bind_shape_matrix", floats_text(np.eye(4)))
     _words(skin, "skin-joints", skeleton.names, "JOINT")
     _source(skin, "skin-bind", np.linalg.inv(skeleton.world_from_joint_rest).reshape(-1, 16), None)
     held = skeleton.weight > 0
@@ -195,13 +195,13 @@ def _joints(scene: ElementTree.Element, skeleton: ColladaSkeleton) -> None:
     for name, parent, rest in zip(skeleton.names, skeleton.parent, rests, strict=True):
         over = scene if parent < 0 else nodes[parent]
         nodes.append(_add(over, "node", id=name, name=name, sid=name, type="JOINT"))
-        _add(nodes[-1], "matrix", _numbers(rest), sid="transform")
+        _add(nodes[-1], "matrix", floats_text(rest), sid="transform")
 
 
 def _source(parent: ElementTree.Element, name: str, values: Array, axes: list[str] | None, digits: int = 8) -> None:
     """Rows of floats; without names of axes each row is one 4 x 4 matrix."""
     source = _add(parent, "source", id=name)
-    _add(source, "float_array", _numbers(values, digits), id=f"{name}-array", count=str(values.size))
+    _add(source, "float_array", floats_text(values, digits), id=f"{name}-array", count=str(values.size))
     kinds = [("TRANSFORM", "float4x4")] if axes is None else [(axis, "float") for axis in axes]
     _accessor(source, f"{name}-array", len(values), kinds, values.shape[1])
 
@@ -225,5 +225,6 @@ def _add(parent: ElementTree.Element, tag: str, text: str | None = None, **attri
     return child
 
 
-def _numbers(values: Array, digits: int = 8) -> str:
+def floats_text(values: float | Sequence[float] | Array, digits: int = 8) -> str:
+    """As text, separated by spaces."""
     return " ".join(f"{value:.{digits}g}" for value in np.asarray(values, np.float64).ravel() + 0.0)

@@ -56,15 +56,13 @@ class GazeboWorld:
 
     Attributes:
         folder: where. rig: the cameras. people: number of actors that are persons. loop_s: when the motion starts again.
-        keys_hz: keys per second of each animation. left_out: what of the scene Gazebo cannot show, in words.
-        release: of Gazebo that it is for.
+        left_out: what of the scene Gazebo cannot show, in words. release: of Gazebo that it is for.
     """
 
     folder: Path
     rig: Rig
     people: int
     loop_s: float
-    keys_hz: tuple[float, ...]
     left_out: tuple[str, ...]
     release: str = "harmonic"
 
@@ -76,19 +74,17 @@ class GazeboWorld:
             "cameras": list(self.rig.names),
             "people": self.people,
             "loop_s": self.loop_s,
-            "keys_hz": list(self.keys_hz),
             "megabytes": size / 1e6,
             "out": self.folder,
         }
 
     def summary(self) -> list[Block]:
         """What was written and what was left out, for people."""
-        keys = ", ".join(f"{rate:.0f}" for rate in self.keys_hz)
         facts = {
             "for": self.release,
             "cameras": ", ".join(self.rig.names),
             "people": self.people,
-            "motion": f"{self.loop_s:g} s, again and again; keys per second: {keys or 'none'}",
+            "motion": f"{self.loop_s:g} s, again and again",
             "size": f"{self.figures['megabytes']:.1f} MB",
             "folder": str(self.folder),
         }
@@ -120,7 +116,7 @@ def export_world(
     with output_folder(out, command=_COMMAND, inputs=motion_files(scene), replace=replace_older) as made:
         folder = made.folder
         (folder / MESHES).mkdir()
-        actors, keys_hz = _actors(live, shown.rate_hz, folder)
+        actors = _actors(live, shown.rate_hz, folder)
         models = _still_models(live, folder)
         _write(folder, "world.sdf", world_text(names, live, models=models, actors=actors, cameras=drawn))
         _write(folder, "bridge.yaml", bridge_text(names, live.rig.names))
@@ -134,7 +130,6 @@ def export_world(
         rig=live.rig,
         people=len(live.people),
         loop_s=shown.duration_s,
-        keys_hz=keys_hz,
         left_out=tuple(left_out),
         release=release,
     )
@@ -153,19 +148,16 @@ def _write_truth(live: LiveScene, folder: Path) -> None:
         write_arrays(folder / "props.npz", prop_truth(live, visible))
 
 
-def _actors(live: LiveScene, rate_hz: float, folder: Path) -> tuple[list[str], tuple[float, ...]]:
-    """Everything that moves, written: the name of each, and its keys per second."""
+def _actors(live: LiveScene, rate_hz: float, folder: Path) -> list[str]:
+    """Everything that moves, written: the name of each."""
     moving = [(f"person{i}", partial(person_actor, person)) for i, person in enumerate(live.people)]
     for i, prop in enumerate(live.props):
         if not isinstance(prop.path, StillPath):
             _write_picture(folder, prop.name, prop.texture)
             moving.append((prop.name, partial(prop_actor, prop, _prop_poses(live, i))))
-    keys_hz, duration_s = [], live.scene.duration_s
     for name, actor in moving:
-        mesh, skeleton = actor(duration_s, rate_hz)
-        keys_hz.append(len(skeleton.t_s) / duration_s)
-        write_collada(folder / mesh_file(name), mesh, skeleton)
-    return [name for name, _ in moving], tuple(keys_hz)
+        write_collada(folder / mesh_file(name), *actor(live.scene.duration_s, rate_hz))
+    return [name for name, _ in moving]
 
 
 def _prop_poses(live: LiveScene, i: int) -> Callable[[Array], Array]:

@@ -29,7 +29,7 @@ from posefuse_sim.render import textures
 from posefuse_sim.render.model import AMBIENT, FILL, FILL_DIRECTIONS, LAMP, lamp_height_m
 from posefuse_sim.surroundings import Box, RoomSettings
 
-from .collada import Mesh
+from .collada import Mesh, floats_text
 
 SDF_VERSION = "1.9"
 WORLD = "posefuse"
@@ -192,8 +192,8 @@ def _grey(level: float) -> str:
 
 
 def _numbers(values: float | Sequence[float] | Array) -> str:
-    # 15 digits: what is read back is the same to the last nanometre
-    return " ".join(f"{value:.15g}" for value in np.atleast_1d(np.asarray(values, np.float64)).ravel() + 0.0)
+    # what is read back is the same to the last nanometre
+    return floats_text(values, digits=15)
 
 
 @dataclass(frozen=True, kw_only=True)

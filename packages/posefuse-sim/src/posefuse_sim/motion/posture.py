@@ -13,28 +13,12 @@ from scipy.spatial.transform import Rotation
 
 from posefuse.core.arrays import Array
 from posefuse_sim.body import SEGMENTS, SimulatedBody, rotation_of
-from posefuse_sim.body.anatomy import SIDES
+from posefuse_sim.body.anatomy import SIDES, frame_of, normal_part, unit_vectors
 
 # of a relaxed arm
 EASY_PRONATION_RAD = np.deg2rad(85.0)
 # a limb is never asked to be straighter than this, where its plane is lost
 _STRAIGHTEST = 1 - 1e-6
-
-
-def unit_vectors(vector: Array) -> Array:
-    """Vectors (..., 3) scaled to length 1."""
-    return np.asarray(vector / np.linalg.norm(vector, axis=-1, keepdims=True))
-
-
-def normal_part(vector: Array, along: Array) -> Array:
-    """The direction (..., 3) of what vectors have at a right angle to the unit vectors `along`."""
-    return unit_vectors(vector - np.sum(vector * along, axis=-1, keepdims=True) * along)
-
-
-def frame_along(y: Array, towards_z: Array) -> Array:
-    """(..., 3, 3) columns X, Y, Z with Y along `y` exactly and Z as near `towards_z` as that allows."""
-    y = unit_vectors(y)
-    return _frame(y, normal_part(towards_z, y))
 
 
 def lengths_m(body: SimulatedBody, side: str, limb: str) -> tuple[float, float]:
@@ -82,11 +66,7 @@ def _bent(start: Array, end: Array, bulge: Array, lengths: tuple[float, float], 
     y_lower = unit_vectors(middle - distance[..., None] * along)
     # the knee bulges forward (anterior), the elbow backward; Z = X x Y with X anterior
     z = unit_vectors(np.cross(aside if knee else -aside, -along))
-    return _frame(y_upper, z), _frame(y_lower, z)
-
-
-def _frame(y: Array, z: Array) -> Array:
-    return np.stack([np.cross(y, z), y, z], axis=-1)
+    return frame_of(y_upper, z), frame_of(y_lower, z)
 
 
 def arm_axes(

@@ -29,19 +29,16 @@ from posefuse.formats.bvh import BvhData
 from posefuse.formats.recording import read_recording
 from posefuse.formats.trc import read_trc
 from posefuse_sim.body import SEGMENTS, SimulatedBody
-from posefuse_sim.body.anatomy import turn
+from posefuse_sim.body.anatomy import frame_along, normal_part, turn, unit_vectors
 
 from .bvh import read_bvh
 from .posture import (
     EASY_PRONATION_RAD,
     BodyPosture,
     arm_axes,
-    frame_along,
     lengths_m,
-    normal_part,
     on_floor,
     posture_between,
-    unit_vectors,
 )
 from .settings import RecordedSettings
 

@@ -11,7 +11,7 @@ from posefuse.core import ConfigError
 from posefuse.core.arrays import Array
 from posefuse.core.skeleton import ANATOMICAL23, SIDES
 from posefuse_sim.body import SimulatedBody, rotation_of
-from posefuse_sim.body.anatomy import turn
+from posefuse_sim.body.anatomy import turn, unit_vectors
 
 from .posture import (
     EASY_PRONATION_RAD,
@@ -21,7 +21,6 @@ from .posture import (
     bones_of,
     leg_axes,
     lengths_m,
-    unit_vectors,
 )
 from .settings import StandSettings
 

@@ -17,7 +17,7 @@ from posefuse.core.arrays import Array
 from posefuse.core.joint_angles import angle_labels
 from posefuse.outputs.drawing import person_rgb
 from posefuse_studio.scene_messages import image_message, page_message, poses_message, setup_message
-from posefuse_studio.session import CameraStatus, Host, Pace, SessionStatus, status_pace
+from posefuse_studio.session import STATUS_S, CameraStatus, Host, Pace, SessionStatus
 from posefuse_studio.setups import rig_of_setup, setup_named, sources_of_setup
 from posefuse_studio.workspace import POSES_FILE, StudioWorkspace, check_name
 
@@ -76,7 +76,7 @@ class _Shown:
         """Pack and report until the session ends."""
         host = self._host
         self._progress.listens(host.address)
-        pose_pace, status = Pace(1 / POSES_HZ), Pace(status_pace(False))
+        pose_pace, status = Pace(1 / POSES_HZ), Pace(STATUS_S)
         t_ns = 0
         while not self._session.ended:
             self._session.wait_newer(t_ns, _WAIT_S)
@@ -87,7 +87,6 @@ class _Shown:
                 self._set_up(newest.message.pose.skeleton, newest.message.joints)
                 if host.watched and pose_pace.due():
                     self._publish(newest.message.pose, newest.message.joints)
-            status.every_s = status_pace(host.watched)
             if status.due():
                 host.status(self._status(newest.message.pose if newest else None))
             if not host.watched:

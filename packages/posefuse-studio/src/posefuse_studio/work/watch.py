@@ -25,7 +25,7 @@ from posefuse.outputs.drawing import jpeg_of, shrunk
 from posefuse.realtime.watching import CameraFeed, CameraNews, FedFrame
 from posefuse_studio.calibrations import SEEN, SeenTarget, Step, advice_for, enough_for, near_far_of, size_of, without_floor
 from posefuse_studio.scene_messages import image_message, setup_message
-from posefuse_studio.session import CameraStatus, Host, Pace, SessionStatus, status_pace
+from posefuse_studio.session import STATUS_S, CameraStatus, Host, Pace, SessionStatus
 from posefuse_studio.setups import Setup, sources_of_setup
 from posefuse_studio.workspace import StudioWorkspace, write_stored
 
@@ -86,12 +86,11 @@ class _Watch:
 
     def run(self, videos: Path | None) -> None:
         """Until the sources end, enough of a target is covered, or no page shows them; an interrupt ends it, too."""
-        pace, seen_s = Pace(status_pace(True)), time.monotonic()
+        pace, seen_s = Pace(STATUS_S), time.monotonic()
         for frames, news in self._feed.watched(videos, judged=True):
             self._news = news or self._news
             for fed in frames:
                 self._take(fed)
-            pace.every_s = status_pace(self.host.watched)
             if pace.due():
                 self.host.status(self._status())
             seen_s = time.monotonic() if self.host.watched or self._record else seen_s
