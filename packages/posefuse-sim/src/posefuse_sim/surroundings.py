@@ -37,7 +37,7 @@ class RoomSettings:
         size_m: (x, y) of the floor about the origin; None makes it 1 m larger than what the cameras enclose.
         height_m: of the walls.
         floor: ``wood``, ``concrete``, ``tiles`` or ``plain``.
-        walls: ``office`` (hung with areas of other colours), ``plain`` or ``none`` (sky).
+        walls: ``office`` (panels, windows, posters), ``plain`` or ``none`` (sky).
         brightness: 1 is a well lit room.
         shadows: whether the main light casts them.
     """

@@ -29,6 +29,8 @@ _LAMP_PER_DIAGONAL = 0.42
 AMBIENT, LAMP, FILL = 0.40, 0.48, 0.27
 FILL_DIRECTIONS = ((-0.9, 0.3, -0.35), (0.4, -0.9, -0.25))
 _LEAST_WEIGHT = 1e-4
+# how often the cloth pattern repeats per metre
+_CLOTH_PER_M = 2.5
 
 
 def render_model(live: LiveScene, cameras: Iterable[Camera], backend: str) -> Any:
@@ -44,7 +46,7 @@ def render_model(live: LiveScene, cameras: Iterable[Camera], backend: str) -> An
     largest_wh = max(view.width for view in views), max(view.height for view in views)
     scene, room, seed = _Builder(mujoco_with(backend)), live.scene.room, live.scene.seed
     scene.look(room, live.room_size_m, largest_wh)
-    scene.spec.add_material(name="cloth", specular=0.05, shininess=0.1)
+    scene.picture("cloth", textures.cloth_picture(np.random.default_rng([seed, 31])), specular=0.05, shininess=0.1)
     for i, person in enumerate(live.people):
         scene.person(i, person.body)
     for i, prop in enumerate(live.props):
@@ -116,11 +118,14 @@ class _Builder:
         vertices, index, weight = body.vertices_rest[used], body.bone_index[used], body.bone_weight[used]
         held = [np.nonzero((index == bone) & (weight > _LEAST_WEIGHT)) for bone in range(len(body.bone_names))]
         bones = [bone for bone, (rows, _) in enumerate(held) if len(rows)]
+        # around the vertical and along it, without a seam
+        cloth = np.stack([vertices[:, 0] + vertices[:, 1], vertices[:, 2]], axis=-1) * _CLOTH_PER_M
         self.spec.add_skin(
             name=f"{person}_{name}",
             material="cloth",
             rgba=[*colour, 1.0],
             vert=vertices.ravel(),
+            texcoord=cloth.ravel(),
             face=local.ravel(),
             bodyname=[f"{person}b{bone}" for bone in bones],
             # a bone is moved from rest, where its axes are the world's
