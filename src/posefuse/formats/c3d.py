@@ -19,12 +19,13 @@ from posefuse.core.arrays import Array, frozen_fields
 from posefuse.core.errors import choices
 from posefuse.foundation.output_file import atomic_file
 
-from .c3d_blocks import BLOCK_BYTES, POINT_BYTES, Group, data_start, read_blocks, with_frame_count
+from .c3d_blocks import BLOCK_BYTES, POINT_BYTES, Group, completed_head, data_start, read_blocks
 
 _METRES = {"mm": 1e-3, "cm": 1e-2, "m": 1.0}
-# residuals are stored as one byte times this; a file with larger ones gets a coarser step
+# residuals are stored as so many steps of this size; a file with larger ones gets a coarser step
 _FINEST_RESIDUAL_MM = 0.1
-_BYTE = 255
+# of the byte's 255: some readers take it as signed
+_MOST_STEPS = 127
 # a string of a C3D parameter is at most 127 characters in every reader
 _TEXT_PIECE = 120
 _TEXT_PIECES = 200
@@ -87,11 +88,11 @@ def write_c3d(path: Path | str, data: C3dData) -> None:
     labels = [*data.names, *data.angle_names]
     if len(set(labels)) != len(labels):
         raise InputError(f"{path}: names of points and angles must be unique, got {choices(labels)}")
-    step_mm = max(_FINEST_RESIDUAL_MM, float(np.nan_to_num(data.sigma_m).max(initial=0)) / _METRES["mm"] / _BYTE)
+    step_mm = max(_FINEST_RESIDUAL_MM, float(np.nan_to_num(data.sigma_m).max(initial=0)) / _METRES["mm"] / _MOST_STEPS)
     frames, frame_bytes = len(data.xyz_world), len(labels) * POINT_BYTES
     head = _head_of(path, data, labels, step_mm)
     with atomic_file(path) as staged, staged.open("wb") as out:
-        out.write(with_frame_count(path, head, frames, frames * frame_bytes))
+        out.write(completed_head(path, head, frames, frames * frame_bytes))
         for start in range(0, frames, _PART_FRAMES):
             out.write(_points_of(data, slice(start, start + _PART_FRAMES), step_mm).tobytes())
         out.write(bytes(BLOCK_BYTES - out.tell() % BLOCK_BYTES))
@@ -129,14 +130,14 @@ def _described(data: C3dData, labels: list[str], step_mm: float) -> Any:
 
 
 def _points_of(data: C3dData, part: slice, step_mm: float) -> Array:
-    """(T', K + A, 4) as they are stored: x, y, z, then the residual in steps in the high byte of a word; -1 if missing."""
+    """(T', K + A, 4) as they are stored: x, y, z, then the residual in steps in the low byte of a word; -1 if missing."""
     angle_deg = np.degrees(data.angle_rad[part])
     values = np.concatenate([data.xyz_world[part] / _METRES["mm"], angle_deg], axis=1)
     residual_mm = np.concatenate([data.sigma_m[part] / _METRES["mm"], np.zeros(angle_deg.shape[:2])], axis=1)
     missing = ~np.isfinite(values).all(axis=-1)
     points = np.empty((*missing.shape, 4), "<f4")
     points[..., :3] = np.where(missing[..., None], 0.0, values)
-    points[..., 3] = np.where(missing, -1.0, np.floor(np.nan_to_num(residual_mm) / step_mm) * (_BYTE + 1))
+    points[..., 3] = np.where(missing, -1.0, np.rint(np.nan_to_num(residual_mm) / step_mm))
     return points
 
 

@@ -19,7 +19,7 @@ BLOCK_BYTES = 512
 # of a floating-point point
 POINT_BYTES = 16
 # places in the header
-_LAST_FRAME, _DATA_BLOCK = 8, 16
+_LAST_FRAME, _SCALE, _DATA_BLOCK = 8, 12, 16
 _KEY = 0x50
 _PROCESSORS = {84: "intel", 85: "dec", 86: "mips"}
 _TYPES = {-1: "text", 1: "i1", 2: "i2", 4: "f4"}
@@ -58,7 +58,7 @@ class _Header(NamedTuple):
 
 
 def read_blocks(path: Path) -> C3dBlocks:
-    """Parse the file: the residual is the high byte of a point's fourth word, the cameras that saw it the low byte.
+    """Parse the file: the residual is the low byte of a point's fourth word, the cameras that saw it the high byte.
 
     Raises:
         InputError: it cannot be read, is not C3D, or states something that its size rules out.
@@ -82,11 +82,15 @@ def data_start(content: bytes) -> int:
     return (int.from_bytes(content[_DATA_BLOCK : _DATA_BLOCK + 2], "little") - 1) * BLOCK_BYTES
 
 
-def with_frame_count(path: Path, head: bytes, frames: int, data_bytes: int) -> bytes:
-    """Header and parameters, as ezc3d writes them of any recording, of one with so many frames and bytes of points."""
+def completed_head(path: Path, head: bytes, frames: int, data_bytes: int) -> bytes:
+    """Header and parameters, as ezc3d writes them of any recording, of one with so many frames and bytes of points.
+
+    The header's scale becomes that of the parameters: ezc3d writes -1, and some readers refuse a file with two of them.
+    """
     places = _Parameters(_Numbers(path, head)).places()
     blocks = len(head) // BLOCK_BYTES + data_bytes // BLOCK_BYTES + 2
-    changed = bytearray(head)
+    changed, scale = bytearray(head), places["POINT", "SCALE"]
+    changed[_SCALE : _SCALE + 4] = head[scale : scale + 4]
     for place, number in (
         (_LAST_FRAME, min(frames, _LAST_IN_HEADER)),
         (places["POINT", "FRAMES"], min(frames, _LAST_IN_HEADER)),
@@ -136,7 +140,7 @@ class _Numbers:
 def _header(numbers: _Numbers) -> _Header:
     words = numbers.array(0, 12, "u2", "header")
     points, analog, first, last, data_block = words[[1, 2, 3, 4, 8]].tolist()
-    header = _Header(points, analog, first, last, data_block, numbers.one(12, "f4", "header"))
+    header = _Header(points, analog, first, last, data_block, numbers.one(_SCALE, "f4", "header"))
     if not np.isfinite(header.scale) or header.scale == 0:
         numbers.fail(f"header: expected a scale other than 0, got {header.scale}")
     if not 1 < header.data_block <= len(numbers) // BLOCK_BYTES + 1:
@@ -249,5 +253,5 @@ def _points(numbers: _Numbers, header: _Header, frames: int, scale: float) -> tu
     with np.errstate(all="ignore"):
         xyz = table[..., :3].astype(np.float64) * (1.0 if floating else step)
         last = np.nan_to_num(np.round(table[..., 3].astype(np.float64)), nan=-1.0, posinf=-1.0, neginf=-1.0)
-        residual = np.where(last < 0, -1.0, np.mod(last // _BYTE, _BYTE) * step)
+        residual = np.where(last < 0, -1.0, np.mod(last, _BYTE) * step)
     return xyz, residual
