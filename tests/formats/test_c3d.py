@@ -100,6 +100,21 @@ def test_a_file_written_in_parts_is_the_same(tmp_path: Path, frames: int, monkey
     assert (tmp_path / "once.c3d").read_bytes() == library[:12] + header_scale + library[16:]
 
 
+@pytest.mark.parametrize("frames", [65_535, 65_536, 100_000])
+def test_a_long_recording_has_all_its_frames(tmp_path: Path, frames: int) -> None:
+    """The header's 16 bits are full after 11 minutes at 100 Hz: every reader, ours too, stopped there."""
+    xyz = np.arange(3.0 * frames).reshape(frames, 1, 3) / frames
+    write_c3d(tmp_path / "a.c3d", C3dData(names=("a",), xyz_world=xyz, sigma_m=np.zeros((frames, 1)), rate_hz=100.0))
+    np.testing.assert_allclose(read_c3d(tmp_path / "a.c3d").xyz_world, xyz, atol=1e-6)
+    if frames <= 65_535:
+        return
+    groups = read_blocks(tmp_path / "a.c3d").parameters
+    words = groups["TRIAL"]["ACTUAL_END_FIELD"]
+    assert all(isinstance(word, int) for word in words)
+    assert words[0] % 65_536 + 65_536 * words[1] == groups["POINT"]["LONG_FRAMES"][0] == frames
+    assert groups["TRIAL"]["ACTUAL_START_FIELD"] == [1, 0]
+
+
 @pytest.mark.parametrize("count", [3, 300])
 def test_subject_and_events_as_the_library_reads_them(tmp_path: Path, count: int) -> None:
     events = tuple(C3dEvent(0.1 * i, ("left", "right")[i % 2], ("strike", "off")[i // 2 % 2]) for i in range(count))

@@ -19,7 +19,7 @@ from posefuse.core.arrays import Array, frozen_fields
 from posefuse.core.errors import choices
 from posefuse.foundation.output_file import atomic_file
 
-from .c3d_blocks import BLOCK_BYTES, POINT_BYTES, Group, completed_head, data_start, read_blocks
+from .c3d_blocks import BLOCK_BYTES, LAST_IN_HEADER, POINT_BYTES, Group, completed_head, data_start, read_blocks
 
 _METRES = {"mm": 1e-3, "cm": 1e-2, "m": 1.0}
 # residuals are stored as so many steps of this size; a file with larger ones gets a coarser step
@@ -126,6 +126,8 @@ def _described(data: C3dData, labels: list[str], step_mm: float) -> Any:
     for group, parameters in _parameters(data).items():
         for name, values in parameters.items():
             file.add_parameter(group, name, values)
+            if isinstance(values, list) and isinstance(values[0], int):
+                file["parameters"][group][name]["type"] = ezc3d.ezc3d.INT  # it makes floats of them
     return file
 
 
@@ -180,6 +182,11 @@ def _parameters(data: C3dData) -> dict[str, dict[str, Any]]:
     """What a file states beyond its points, by group and name."""
     # the axes on the screen of viewers: X to the right, Z up
     groups: dict[str, dict[str, Any]] = {"POINT": {"X_SCREEN": "+X", "Y_SCREEN": "+Z"}}
+    if (frames := len(data.xyz_world)) > LAST_IN_HEADER:
+        # where Visual3D, and where Vicon and BTK look for a number that is too large for 16 bits
+        groups["POINT"]["LONG_FRAMES"] = [float(frames)]
+        words = np.array([frames], "<u4").view("<i2").tolist()
+        groups["TRIAL"] = {"ACTUAL_START_FIELD": [1, 0], "ACTUAL_END_FIELD": words}
     if data.angle_names:
         groups["POINT"] |= {"ANGLES": list(data.angle_names), "ANGLE_UNITS": "deg", "TYPE_GROUPS": ["ANGLES", "ANGLE"]}
     if data.subject:

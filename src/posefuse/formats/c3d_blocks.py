@@ -29,7 +29,7 @@ _NUMBER_BYTES = {True: 4, False: 2}
 _WORDS_PER_POINT = 4
 _BYTE = 256
 # the header's 16 bits are full: the number of frames is in a parameter
-_LAST_IN_HEADER = 65535
+LAST_IN_HEADER = 65535
 
 Group = dict[str, list[Any]]
 
@@ -92,9 +92,9 @@ def completed_head(path: Path, head: bytes, frames: int, data_bytes: int) -> byt
     changed, scale = bytearray(head), places["POINT", "SCALE"]
     changed[_SCALE : _SCALE + 4] = head[scale : scale + 4]
     for place, number in (
-        (_LAST_FRAME, min(frames, _LAST_IN_HEADER)),
-        (places["POINT", "FRAMES"], min(frames, _LAST_IN_HEADER)),
-        (places["ROTATION", "DATA_START"], blocks % (_LAST_IN_HEADER + 1)),
+        (_LAST_FRAME, min(frames, LAST_IN_HEADER)),
+        (places["POINT", "FRAMES"], min(frames, LAST_IN_HEADER)),
+        (places["ROTATION", "DATA_START"], blocks % (LAST_IN_HEADER + 1)),
     ):
         changed[place : place + 2] = number.to_bytes(2, "little")
     return bytes(changed)
@@ -217,7 +217,7 @@ def _frame_count(path: Path, header: _Header, parameters: Mapping[str, Group]) -
     for name in ("LONG_FRAMES", "FRAMES"):
         if point.get(name):
             counts.append(int(point[name][0]) if np.isfinite(point[name][0]) else 0)
-    if header.last < _LAST_IN_HEADER:
+    if header.last < LAST_IN_HEADER:
         counts = counts[:1]
     count = max(counts)
     if count < 1:
