@@ -167,7 +167,7 @@ def test_bad_input(tmp_path: Path) -> None:
 
 
 def blocks_like_the_library(path: Path) -> None:
-    """Our parser and ezc3d read the same points and residuals, which the library takes for the cameras and the other way round."""
+    """Our parser and ezc3d read the same points and residuals; the library takes these for the cameras."""
     blocks, file = read_blocks(path), ezc3d.c3d(str(path))
     meta = file["data"]["meta_points"]
     seen = meta["residuals"][0].T >= 0
