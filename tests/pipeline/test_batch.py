@@ -171,7 +171,7 @@ def test_complete_trials_are_kept_and_others_tried_again(folder: Path, here: lis
     assert {path: path.stat().st_mtime_ns for path in (tmp_path / "out" / "P01").rglob("*")} == before
 
 
-def test_table_and_page_are_made_again_and_stay_only_where_they_were_changed(folder: Path, here: list[str], tmp_path: Path) -> None:
+def test_table_and_page_are_made_again_and_stay_where_they_were_changed(folder: Path, here: list[str], tmp_path: Path) -> None:
     """Every run that tried a failed trial again left the earlier table and page, made by posefuse, as NAME.replaced-TIME."""
     out = tmp_path / "out"
     for _ in range(2):
