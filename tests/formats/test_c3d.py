@@ -134,12 +134,21 @@ def test_a_gait_labs_file(shared_data: Path) -> None:
     data = read_c3d(shared_data / "btk" / "FunctionalWalk.c3d")
     assert data.rate_hz == 120
     assert len(data.xyz_world) == 438
+    # it was cut: its first frame is number 480 of what was recorded
+    assert data.t_s[0] == pytest.approx(479 / 120) and data.t_s[-1] == pytest.approx(916 / 120)
     assert "LKneeAngles" in data.angle_names
     assert not {"LKneePower", "LKneeMoment", "LKneeAngles"} & set(data.names)
     pelvis = data.xyz_world[:, data.names.index("LASI"), 2]
     assert 0.7 < np.nanmedian(pelvis) < 1.2
     knee = data.angle_rad[:, data.angle_names.index("LKneeAngles"), 0]
     assert 0.5 < np.nanmax(knee) < 1.6
+
+
+@pytest.mark.parametrize(("stated", "begin_s"), [("1500000000", 1.5), ("-250000000", -0.25), ("soon", 0.0), ("", 0.0)])
+def test_times_of_ours_are_those_of_the_session(tmp_path: Path, stated: str, begin_s: float) -> None:
+    """They began at 0, so `posefuse compare --no-time` put the files of one result apart that began later."""
+    write_c3d(tmp_path / "a.c3d", points("a", about={"START_NS": stated}))
+    np.testing.assert_allclose(read_c3d(tmp_path / "a.c3d").t_s, [begin_s, begin_s + 0.02])
 
 
 def points(names: str, count: int = 1, rate_hz: float = 50.0, **others: Any) -> C3dData:

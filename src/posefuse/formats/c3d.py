@@ -51,7 +51,8 @@ class C3dData:
         names: K points.
         xyz_world: (T, K, 3) metres, Z up; NaN where missing.
         sigma_m: (T, K) standard deviation in metres; NaN where missing.
-        rate_hz: frames per second; C3D has no other time.
+        rate_hz: frames per second. begin_s: seconds of the first frame, in a file of ours of the session, else since the first
+            that was recorded, which may have been cut; read, and in `about` written.
         angle_names: A angles. angle_rad: (T, A, 3); NaN where missing.
         about: group ``POSEFUSE`` of the file: parameter name to text.
         subject: who it is. events: in order of time; a file holds the first 255. Both are written, not read.
@@ -65,6 +66,7 @@ class C3dData:
     angle_rad: Array = field(default_factory=lambda: np.zeros((0, 0, 3)))
     about: Mapping[str, str] = field(default_factory=dict)
     subject: str = ""
+    begin_s: float = 0.0
     events: tuple[C3dEvent, ...] = ()
 
     def __post_init__(self) -> None:
@@ -78,8 +80,8 @@ class C3dData:
 
     @property
     def t_s(self) -> Array:
-        """(T,) seconds from the first frame."""
-        return np.arange(len(self.xyz_world)) / self.rate_hz
+        """(T,) seconds of the frames, from `begin_s` on."""
+        return self.begin_s + np.arange(len(self.xyz_world)) / self.rate_hz
 
 
 def write_c3d(path: Path | str, data: C3dData) -> None:
@@ -167,14 +169,16 @@ def read_c3d(path: Path | str) -> C3dData:
     residual = blocks.residual
     missing = (residual < 0) | ~np.isfinite(blocks.xyz).all(axis=-1)
     points = np.where(missing[..., None], np.nan, blocks.xyz)
+    rate_hz, about = _rate(path, point), _about(blocks.parameters)
     return C3dData(
         names=tuple(label for label, chosen in zip(labels, is_point, strict=True) if chosen),
         xyz_world=points[:, is_point] * metres,
         sigma_m=np.where(missing, np.nan, residual * metres)[:, is_point],
-        rate_hz=_rate(path, point),
+        rate_hz=rate_hz,
+        begin_s=_begin_s(about, (blocks.first_frame - 1) / rate_hz),
         angle_names=tuple(label for label, chosen in zip(labels, is_angle, strict=True) if chosen),
         angle_rad=np.radians(points[:, is_angle]),
-        about=_about(blocks.parameters),
+        about=about,
     )
 
 
@@ -212,6 +216,13 @@ def _pieces(key: str, text: str) -> list[str]:
 def _about(parameters: Mapping[str, Group]) -> dict[str, str]:
     group = parameters.get("POSEFUSE", {})
     return {key: "".join(str(piece).removesuffix("|") for piece in pieces) for key, pieces in group.items()}
+
+
+def _begin_s(about: Mapping[str, str], otherwise_s: float) -> float:
+    try:
+        return int(about["START_NS"]) * 1e-9
+    except (KeyError, ValueError):
+        return otherwise_s
 
 
 def _labels(path: Path, point: Group, count: int) -> list[str]:

@@ -41,11 +41,13 @@ class C3dBlocks:
     Attributes:
         parameters: group name -> parameter name -> values, names in capitals; texts without the blanks at their end.
         xyz: (T, N, 3) in the file's units and axes. residual: (T, N) in the same units; -1 where a point is missing.
+        first_frame: number of the first one in what was recorded, from 1 on.
     """
 
     parameters: Mapping[str, Group]
     xyz: Array
     residual: Array
+    first_frame: int
 
 
 class _Header(NamedTuple):
@@ -74,7 +76,7 @@ def read_blocks(path: Path) -> C3dBlocks:
     parameters = _Parameters(numbers).groups()
     frames = _frame_count(path, header, parameters)
     xyz, residual = _points(numbers, header, frames, _scale(header, parameters))
-    return C3dBlocks(parameters, xyz, residual)
+    return C3dBlocks(parameters, xyz, residual, max(header.first, 1))
 
 
 def data_start(content: bytes) -> int:
