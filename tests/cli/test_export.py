@@ -61,6 +61,17 @@ def test_the_files_are_those_of_track_and_an_earlier_export_is_replaced(result: 
     assert [path.read_text() for path in tmp_path.glob("files.replaced-*/mine.txt")] == ["x"]
 
 
+def test_files_of_the_3d_alone_need_no_detections(result: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """The largest file of a result, which `report` and `compare` do without, was read for a TRC file, too."""
+    small, out = Path(shutil.copytree(result, tmp_path / "small")), tmp_path / "files"
+    (small / "observations.npz").unlink()
+    assert main(["export", str(small), "--out", str(out)]) == 0
+    for name in ("pose.trc", "pose.c3d"):
+        assert (out / name).read_bytes() == (result / name).read_bytes()
+    line = error(capsys, "export", small, "--out", tmp_path / "more", "--outputs", "trc,overview")
+    assert "observations.npz: no such file" in line
+
+
 def test_a_result_is_never_written_over(result: Path, capsys: pytest.CaptureFixture[str]) -> None:
     before = {path: path.read_bytes() for path in result.iterdir()}
     error(capsys, "export", result, "--out", result)

@@ -12,7 +12,7 @@ from checks import assert_same, refusal
 from posefuse.core import InputError, ShapeError
 from posefuse.formats import c3d
 from posefuse.formats.c3d import C3dData, C3dEvent, read_c3d, write_c3d
-from posefuse.formats.c3d_blocks import read_blocks
+from posefuse.formats.c3d_blocks import data_start, read_blocks
 
 
 def some_points() -> C3dData:
@@ -53,6 +53,24 @@ def test_what_ezc3d_sees(tmp_path: Path) -> None:
     assert (np.delete(file["data"]["meta_points"]["residuals"][0, 3], 2) >= 0).all()
 
 
+@pytest.mark.parametrize("worst_m", [0.02, 0.3])
+def test_no_reader_takes_a_known_point_for_a_missing_one(tmp_path: Path, worst_m: float) -> None:
+    """The C3D standard: a point's fourth word has the residual in its low byte; as 16 bits it is negative where the point is
+    missing. Points whose deviation was more than half of the largest were missing in BTK, Mokka and the package c3d; some readers
+    take the low byte as signed.
+    """
+    data = some_points()
+    sigma_m = data.sigma_m * worst_m / data.sigma_m.max()
+    write_c3d(tmp_path / "a.c3d", replace(data, sigma_m=sigma_m))
+    content = (tmp_path / "a.c3d").read_bytes()
+    table = np.frombuffer(content, "<f4", 7 * 7 * 4, data_start(content)).reshape(7, 7, 4)
+    words, step_mm = table[:, :5, 3].astype(np.int16), -np.frombuffer(content, "<f4", 1, 12)[0]
+    missing = ~np.isfinite(data.xyz_world[..., 0])
+    np.testing.assert_array_equal(words == -1, missing)
+    assert ((words[~missing] >= 0) & (words[~missing] < 128)).all()
+    np.testing.assert_allclose(words[~missing] * step_mm, 1000 * sigma_m[~missing], atol=1.01 * step_mm)
+
+
 @pytest.mark.parametrize("frames", [1, 6, 7, 8, 66_000])
 def test_a_file_written_in_parts_is_the_same(tmp_path: Path, frames: int, monkeypatch: pytest.MonkeyPatch) -> None:
     rng = np.random.default_rng(0)
@@ -66,14 +84,35 @@ def test_a_file_written_in_parts_is_the_same(tmp_path: Path, frames: int, monkey
         write_c3d(tmp_path / name, data)
     assert (tmp_path / "parts.c3d").read_bytes() == (tmp_path / "once.c3d").read_bytes()
     # with the frames counted and written by us, it is the file that the library writes; it reads 65,535 frames and no more
-    file = c3d._described(data, ["a", "b", "c"], max(0.1, 1000 * float(data.sigma_m.max()) / 255))
+    step_mm = max(0.1, 1000 * float(data.sigma_m.max()) / 127)
+    file = c3d._described(data, ["a", "b", "c"], step_mm)
     values = np.concatenate([1000 * xyz, np.degrees(data.angle_rad)], axis=1)
-    residual_mm = np.concatenate([1000 * data.sigma_m, np.zeros((frames, 1))], axis=1)
-    residual_mm[~np.isfinite(values).all(axis=-1)] = -1
+    steps = np.concatenate([np.rint(1000 * data.sigma_m / step_mm), np.zeros((frames, 1))], axis=1).astype(np.uint8)
+    missing = ~np.isfinite(values).all(axis=-1)
     file["data"]["points"] = np.concatenate([values.transpose(2, 1, 0), np.ones((1, 3, frames))])
-    file["data"]["meta_points"] = {"residuals": residual_mm.T[None], "camera_masks": np.zeros((7, 3, frames), bool)}
+    # the library has the cameras in the low byte, where the standard has the residual
+    masks = np.unpackbits(steps.T[None], axis=0, bitorder="little")[:7].astype(bool)
+    file["data"]["meta_points"] = {"residuals": np.where(missing, -1.0, 0.0).T[None], "camera_masks": masks}
     file.write(str(tmp_path / "library.c3d"))
-    assert (tmp_path / "once.c3d").read_bytes() == (tmp_path / "library.c3d").read_bytes()
+    library = (tmp_path / "library.c3d").read_bytes()
+    # whose header has another scale than its parameters: the package c3d refuses such a file
+    header_scale = np.float32(-step_mm).tobytes()
+    assert (tmp_path / "once.c3d").read_bytes() == library[:12] + header_scale + library[16:]
+
+
+@pytest.mark.parametrize("frames", [65_535, 65_536, 100_000])
+def test_a_long_recording_has_all_its_frames(tmp_path: Path, frames: int) -> None:
+    """The header's 16 bits are full after 11 minutes at 100 Hz: every reader, ours too, stopped there."""
+    xyz = np.arange(3.0 * frames).reshape(frames, 1, 3) / frames
+    write_c3d(tmp_path / "a.c3d", C3dData(names=("a",), xyz_world=xyz, sigma_m=np.zeros((frames, 1)), rate_hz=100.0))
+    np.testing.assert_allclose(read_c3d(tmp_path / "a.c3d").xyz_world, xyz, atol=1e-6)
+    if frames <= 65_535:
+        return
+    groups = read_blocks(tmp_path / "a.c3d").parameters
+    words = groups["TRIAL"]["ACTUAL_END_FIELD"]
+    assert all(isinstance(word, int) for word in words)
+    assert words[0] % 65_536 + 65_536 * words[1] == groups["POINT"]["LONG_FRAMES"][0] == frames
+    assert groups["TRIAL"]["ACTUAL_START_FIELD"] == [1, 0]
 
 
 @pytest.mark.parametrize("count", [3, 300])
@@ -95,12 +134,21 @@ def test_a_gait_labs_file(shared_data: Path) -> None:
     data = read_c3d(shared_data / "btk" / "FunctionalWalk.c3d")
     assert data.rate_hz == 120
     assert len(data.xyz_world) == 438
+    # it was cut: its first frame is number 480 of what was recorded
+    assert data.t_s[0] == pytest.approx(479 / 120) and data.t_s[-1] == pytest.approx(916 / 120)
     assert "LKneeAngles" in data.angle_names
     assert not {"LKneePower", "LKneeMoment", "LKneeAngles"} & set(data.names)
     pelvis = data.xyz_world[:, data.names.index("LASI"), 2]
     assert 0.7 < np.nanmedian(pelvis) < 1.2
     knee = data.angle_rad[:, data.angle_names.index("LKneeAngles"), 0]
     assert 0.5 < np.nanmax(knee) < 1.6
+
+
+@pytest.mark.parametrize(("stated", "begin_s"), [("1500000000", 1.5), ("-250000000", -0.25), ("soon", 0.0), ("", 0.0)])
+def test_times_of_ours_are_those_of_the_session(tmp_path: Path, stated: str, begin_s: float) -> None:
+    """They began at 0, so `posefuse compare --no-time` put the files of one result apart that began later."""
+    write_c3d(tmp_path / "a.c3d", points("a", about={"START_NS": stated}))
+    np.testing.assert_allclose(read_c3d(tmp_path / "a.c3d").t_s, [begin_s, begin_s + 0.02])
 
 
 def points(names: str, count: int = 1, rate_hz: float = 50.0, **others: Any) -> C3dData:
@@ -128,11 +176,13 @@ def test_bad_input(tmp_path: Path) -> None:
 
 
 def blocks_like_the_library(path: Path) -> None:
-    """Our parser and ezc3d read the same points and residuals."""
+    """Our parser and ezc3d read the same points and residuals; the library takes these for the cameras."""
     blocks, file = read_blocks(path), ezc3d.c3d(str(path))
-    theirs = file["data"]["meta_points"]["residuals"][0].T
-    np.testing.assert_array_equal(blocks.residual >= 0, theirs >= 0)
-    seen = theirs >= 0
+    meta = file["data"]["meta_points"]
+    seen = meta["residuals"][0].T >= 0
+    low_byte = np.packbits(meta["camera_masks"].astype(bool), axis=0, bitorder="little")[0].T
+    theirs = low_byte * abs(file["parameters"]["POINT"]["SCALE"]["value"][0])
+    np.testing.assert_array_equal(blocks.residual >= 0, seen)
     np.testing.assert_array_equal(blocks.xyz[seen], file["data"]["points"][:3].transpose(2, 1, 0)[seen])
     np.testing.assert_allclose(blocks.residual[seen], theirs[seen])
 

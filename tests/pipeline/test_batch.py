@@ -3,6 +3,7 @@
 import csv
 import os
 import re
+import shutil
 import signal
 import socket
 import subprocess
@@ -168,6 +169,21 @@ def test_complete_trials_are_kept_and_others_tried_again(folder: Path, here: lis
     assert here == ["P02/broken"]
     assert study.kept == ("P01/fast", "P01/slow", "P02/slow")
     assert {path: path.stat().st_mtime_ns for path in (tmp_path / "out" / "P01").rglob("*")} == before
+
+
+def test_table_and_page_are_made_again_and_stay_where_they_were_changed(folder: Path, here: list[str], tmp_path: Path) -> None:
+    """Every run that tried a failed trial again left the earlier table and page, made by posefuse, as NAME.replaced-TIME."""
+    out = tmp_path / "out"
+    for _ in range(2):
+        run(folder, out)
+        shutil.rmtree(folder / "P02" / "broken", ignore_errors=True)
+    assert not list(out.glob("*.replaced-*"))
+    (out / "study.csv").write_text("with notes of mine")
+    write_session(folder / "P01" / "again", pf.read_rig(folder / "P01" / "rig.toml"))
+    run(folder, out)
+    [aside] = out.glob("*.replaced-*")
+    assert aside.name.startswith("study.csv.") and aside.read_text() == "with notes of mine"
+    assert "again" in (out / "study.csv").read_text(encoding="utf-8")
 
 
 def test_an_interrupted_trial_continues_from_its_detections(folder, here, tmp_path, monkeypatch) -> None:

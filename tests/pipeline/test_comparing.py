@@ -142,6 +142,19 @@ def test_recordings_of_one_calibration_are_not_turned_onto_each_other(ring_rig: 
         refusal(ConfigError, "leave out `align_space=False`", posefuse.compare, a, b, align_space=False, **asked)
 
 
+def test_of_several_people_in_the_reference_the_one_that_both_have_is_compared(ring_rig: Callable[..., Rig]) -> None:
+    """A result and the second solve of it that kept one person, the one seen less: it was compared with the other one."""
+    alone = to_and_fro(ring_rig(3), 0.0, 30.0, np.zeros(3))
+    late = (np.arange(len(alone.poses)) > 150)[:, None, None]
+    kept = np.where(late, np.nan, alone.poses.xyz_world[:, 0])
+    both = np.stack([alone.poses.xyz_world[:, 0, ::-1] + [0.0, 0.9, 0.0], kept], axis=1)
+    two, one = (
+        replace(alone, poses=built.poses(xyz, skeleton=ANATOMICAL23, t_ns=alone.poses.t_ns)) for xyz in (both, kept[:, None])
+    )
+    for pair in ((two, one), (one, two)):
+        assert posefuse.compare(*pair, align_time=False).errors.mpjpe_mm == 0
+
+
 def test_of_several_people_the_same_one_is_compared_whatever_their_order(tmp_path: Path, ring_rig: Callable[..., Rig]) -> None:
     walk = to_and_fro(ring_rig(3), 0.0, 30.0, np.zeros(3))
     both = np.stack([walk.poses.xyz_world[:, 0], walk.poses.xyz_world[:, 0, ::-1] + [0.0, 0.9, 0.0]], axis=1)

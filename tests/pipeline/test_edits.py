@@ -191,6 +191,14 @@ def saved(recording: Recording, folder: Path) -> Path:
     return folder
 
 
+@pytest.mark.parametrize("person", [None, 0])
+def test_exclusions_that_leave_no_one_are_named(recording: Recording, person: int | None) -> None:
+    """They may come from the file next to the result: the line was that no person could be followed, as of a bad calibration."""
+    exclusions = (Exclusion(start_s=0.1, end_s=9.0), Exclusion(camera="cam02", start_s=-1.0, end_s=0.5))
+    words = "left out are all cameras from 0.1 to 9 s, cam02 from -1 to 0.5 s; exclude less"
+    refusal(InputError, words, solve_again, recording, edits=Edits(exclusions=exclusions, person=person))
+
+
 def test_another_file_of_this_name_is_never_written_over(recording: Recording, tmp_path: Path) -> None:
     result = saved(recording, tmp_path / "result")
     edits_path(result).write_text(json.dumps({"mine": 1}))

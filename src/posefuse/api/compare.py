@@ -39,7 +39,7 @@ def compare(
     Args:
         a: a recording, a result folder, or a file of another system: TRC, C3D, CSV, MVNX.
         b: the same.
-        person: id in posefuse recordings; None: the one seen longest.
+        person: id in posefuse recordings; None: of one calibration the one that both have, else the one seen longest.
         align_time: find the offset in time.
         align_space: find the rotation and translation between the two world frames; recordings of one calibration share theirs,
             and are aligned in space only with `scale` or `align_first_s`.
@@ -68,6 +68,9 @@ def compare(
     else:
         tracks_a, rig_a = _read(a, "a", person)
         tracks_b, rig_b = _read(b, "b", person, (tracks_a, rig_a))
+        if tracks_a.of_several and person is None:
+            # of all people of the first the one of the second, who need not be the one seen longest
+            tracks_a, rig_a = _read(a, "a", person, (tracks_b, rig_b))
     apart = asked or not (scene or _share_a_world(rig_a, rig_b))
     found = compared(
         tracks_a, tracks_b, time=align_time and scene is None, space=align_space and apart, scale=scale, start_s=align_first_s

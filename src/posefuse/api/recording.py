@@ -71,6 +71,8 @@ def joint_angles_of(value: core.JointAngles) -> JointAngles:
 
 
 Fit = Literal["points", "rays", "none"]
+# outputs of the 3D result alone, for which it is read without its detections
+NEED_NO_DETECTIONS = ("trc", "c3d", "csv")
 
 
 class Written(NamedTuple):
@@ -378,6 +380,9 @@ class Recording(core.Recording):
     @checked
     def to_xarray(self, *, angles: bool = False) -> xr.Dataset:
         """Positions with covariance (and, with `angles`, joint angles) as an xarray Dataset with named axes and units.
+
+        The angles are those of these positions, ``joint_angles(fit="none")``: of the fitted skeleton, whose angles differ by
+        some degrees, they are ``joint_angles().to_xarray()``.
 
         Axes: time, person, keypoint, space. ``recording.to_xarray().to_netcdf(path)`` keeps everything.
         """

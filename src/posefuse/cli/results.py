@@ -6,6 +6,7 @@ from typing import Annotated, Literal
 from cyclopts import Parameter
 
 import posefuse as pf
+from posefuse.api.recording import NEED_NO_DETECTIONS
 from posefuse.foundation.summary import Facts, Heading
 
 from .options import MOST_S, Figures, Shown, positive
@@ -73,9 +74,10 @@ def export(
         outputs: Which files to write; `posefuse plugins` lists them.
         session: Session the result was made from, for its images (default: a folder of its name near the result or here).
     """
-    recording = pf.read(result)
+    names = [name for name in outputs.split(",") if name]
+    recording = pf.read(result, observed=not {*names} <= {*NEED_NO_DETECTIONS})
     with terminal.stages() as progress:
-        made = recording.export(out, [name for name in outputs.split(",") if name], session=session, progress=progress)
+        made = recording.export(out, names, session=session, progress=progress)
     files, people = [path.relative_to(out.resolve()).as_posix() for path in made.files], len(recording.poses.person_id)
     terminal.show([Heading("Export"), Facts({"people": people, "files": ", ".join(files), "in": str(out)})])
     return {"out": out, "files": files, "people": people, "failed": made.failed}

@@ -39,7 +39,7 @@ class Tracks:
 
     Attributes:
         name: of the recording, for people. points: K names. t_s: (T,) seconds, increasing. xyz_m: (T, K, 3); NaN where missing.
-        warning: why they are not to be trusted; empty otherwise.
+        warning: why they are not to be trusted; empty otherwise. of_several: whether the recording has other people, too.
     """
 
     name: str
@@ -47,6 +47,7 @@ class Tracks:
     t_s: Array
     xyz_m: Array
     warning: str = ""
+    of_several: bool = False
 
     def at(self, t_s: Array) -> Array:
         """(n, K, 3) at other times, linearly between time steps at most a quarter of a second apart; NaN elsewhere."""

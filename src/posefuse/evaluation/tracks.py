@@ -98,7 +98,7 @@ def tracks_of(poses: PoseSequence, path: Path, person: int | None = None, near: 
     if near is not None and len(people) > 1:
         apart_m = {place: _apart_m(one.at_times(near.t_s), near) for place, one in people.items()}
         n = min(people, key=lambda place: (apart_m[place] if np.isfinite(apart_m[place]) else np.inf, place != n))
-    return replace(people[n], name=f"{path.name}, person {poses.person_id[n]}") if several else people[n]
+    return replace(people[n], name=f"{path.name}, person {poses.person_id[n]}", of_several=True) if several else people[n]
 
 
 _TRUTH = Path("truth") / "truth.npz"

@@ -19,12 +19,13 @@ from posefuse.core.arrays import Array, frozen_fields
 from posefuse.core.errors import choices
 from posefuse.foundation.output_file import atomic_file
 
-from .c3d_blocks import BLOCK_BYTES, POINT_BYTES, Group, data_start, read_blocks, with_frame_count
+from .c3d_blocks import BLOCK_BYTES, LAST_IN_HEADER, POINT_BYTES, Group, completed_head, data_start, read_blocks
 
 _METRES = {"mm": 1e-3, "cm": 1e-2, "m": 1.0}
-# residuals are stored as one byte times this; a file with larger ones gets a coarser step
+# residuals are stored as so many steps of this size; a file with larger ones gets a coarser step
 _FINEST_RESIDUAL_MM = 0.1
-_BYTE = 255
+# of the byte's 255: some readers take it as signed
+_MOST_STEPS = 127
 # a string of a C3D parameter is at most 127 characters in every reader
 _TEXT_PIECE = 120
 _TEXT_PIECES = 200
@@ -50,7 +51,8 @@ class C3dData:
         names: K points.
         xyz_world: (T, K, 3) metres, Z up; NaN where missing.
         sigma_m: (T, K) standard deviation in metres; NaN where missing.
-        rate_hz: frames per second; C3D has no other time.
+        rate_hz: frames per second. begin_s: seconds of the first frame, in a file of ours of the session, else since the first
+            that was recorded, which may have been cut; read, and in `about` written.
         angle_names: A angles. angle_rad: (T, A, 3); NaN where missing.
         about: group ``POSEFUSE`` of the file: parameter name to text.
         subject: who it is. events: in order of time; a file holds the first 255. Both are written, not read.
@@ -64,6 +66,7 @@ class C3dData:
     angle_rad: Array = field(default_factory=lambda: np.zeros((0, 0, 3)))
     about: Mapping[str, str] = field(default_factory=dict)
     subject: str = ""
+    begin_s: float = 0.0
     events: tuple[C3dEvent, ...] = ()
 
     def __post_init__(self) -> None:
@@ -77,8 +80,8 @@ class C3dData:
 
     @property
     def t_s(self) -> Array:
-        """(T,) seconds from the first frame."""
-        return np.arange(len(self.xyz_world)) / self.rate_hz
+        """(T,) seconds of the frames, from `begin_s` on."""
+        return self.begin_s + np.arange(len(self.xyz_world)) / self.rate_hz
 
 
 def write_c3d(path: Path | str, data: C3dData) -> None:
@@ -87,11 +90,11 @@ def write_c3d(path: Path | str, data: C3dData) -> None:
     labels = [*data.names, *data.angle_names]
     if len(set(labels)) != len(labels):
         raise InputError(f"{path}: names of points and angles must be unique, got {choices(labels)}")
-    step_mm = max(_FINEST_RESIDUAL_MM, float(np.nan_to_num(data.sigma_m).max(initial=0)) / _METRES["mm"] / _BYTE)
+    step_mm = max(_FINEST_RESIDUAL_MM, float(np.nan_to_num(data.sigma_m).max(initial=0)) / _METRES["mm"] / _MOST_STEPS)
     frames, frame_bytes = len(data.xyz_world), len(labels) * POINT_BYTES
     head = _head_of(path, data, labels, step_mm)
     with atomic_file(path) as staged, staged.open("wb") as out:
-        out.write(with_frame_count(path, head, frames, frames * frame_bytes))
+        out.write(completed_head(path, head, frames, frames * frame_bytes))
         for start in range(0, frames, _PART_FRAMES):
             out.write(_points_of(data, slice(start, start + _PART_FRAMES), step_mm).tobytes())
         out.write(bytes(BLOCK_BYTES - out.tell() % BLOCK_BYTES))
@@ -125,18 +128,20 @@ def _described(data: C3dData, labels: list[str], step_mm: float) -> Any:
     for group, parameters in _parameters(data).items():
         for name, values in parameters.items():
             file.add_parameter(group, name, values)
+            if isinstance(values, list) and isinstance(values[0], int):
+                file["parameters"][group][name]["type"] = ezc3d.ezc3d.INT  # it makes floats of them
     return file
 
 
 def _points_of(data: C3dData, part: slice, step_mm: float) -> Array:
-    """(T', K + A, 4) as they are stored: x, y, z, then the residual in steps in the high byte of a word; -1 if missing."""
+    """(T', K + A, 4) as they are stored: x, y, z, then the residual in steps in the low byte of a word; -1 if missing."""
     angle_deg = np.degrees(data.angle_rad[part])
     values = np.concatenate([data.xyz_world[part] / _METRES["mm"], angle_deg], axis=1)
     residual_mm = np.concatenate([data.sigma_m[part] / _METRES["mm"], np.zeros(angle_deg.shape[:2])], axis=1)
     missing = ~np.isfinite(values).all(axis=-1)
     points = np.empty((*missing.shape, 4), "<f4")
     points[..., :3] = np.where(missing[..., None], 0.0, values)
-    points[..., 3] = np.where(missing, -1.0, np.floor(np.nan_to_num(residual_mm) / step_mm) * (_BYTE + 1))
+    points[..., 3] = np.where(missing, -1.0, np.rint(np.nan_to_num(residual_mm) / step_mm))
     return points
 
 
@@ -164,14 +169,16 @@ def read_c3d(path: Path | str) -> C3dData:
     residual = blocks.residual
     missing = (residual < 0) | ~np.isfinite(blocks.xyz).all(axis=-1)
     points = np.where(missing[..., None], np.nan, blocks.xyz)
+    rate_hz, about = _rate(path, point), _about(blocks.parameters)
     return C3dData(
         names=tuple(label for label, chosen in zip(labels, is_point, strict=True) if chosen),
         xyz_world=points[:, is_point] * metres,
         sigma_m=np.where(missing, np.nan, residual * metres)[:, is_point],
-        rate_hz=_rate(path, point),
+        rate_hz=rate_hz,
+        begin_s=_begin_s(about, (blocks.first_frame - 1) / rate_hz),
         angle_names=tuple(label for label, chosen in zip(labels, is_angle, strict=True) if chosen),
         angle_rad=np.radians(points[:, is_angle]),
-        about=_about(blocks.parameters),
+        about=about,
     )
 
 
@@ -179,6 +186,11 @@ def _parameters(data: C3dData) -> dict[str, dict[str, Any]]:
     """What a file states beyond its points, by group and name."""
     # the axes on the screen of viewers: X to the right, Z up
     groups: dict[str, dict[str, Any]] = {"POINT": {"X_SCREEN": "+X", "Y_SCREEN": "+Z"}}
+    if (frames := len(data.xyz_world)) > LAST_IN_HEADER:
+        # where Visual3D, and where Vicon and BTK look for a number that is too large for 16 bits
+        groups["POINT"]["LONG_FRAMES"] = [float(frames)]
+        words = np.array([frames], "<u4").view("<i2").tolist()
+        groups["TRIAL"] = {"ACTUAL_START_FIELD": [1, 0], "ACTUAL_END_FIELD": words}
     if data.angle_names:
         groups["POINT"] |= {"ANGLES": list(data.angle_names), "ANGLE_UNITS": "deg", "TYPE_GROUPS": ["ANGLES", "ANGLE"]}
     if data.subject:
@@ -204,6 +216,13 @@ def _pieces(key: str, text: str) -> list[str]:
 def _about(parameters: Mapping[str, Group]) -> dict[str, str]:
     group = parameters.get("POSEFUSE", {})
     return {key: "".join(str(piece).removesuffix("|") for piece in pieces) for key, pieces in group.items()}
+
+
+def _begin_s(about: Mapping[str, str], otherwise_s: float) -> float:
+    try:
+        return int(about["START_NS"]) * 1e-9
+    except (KeyError, ValueError):
+        return otherwise_s
 
 
 def _labels(path: Path, point: Group, count: int) -> list[str]:

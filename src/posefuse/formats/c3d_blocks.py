@@ -19,7 +19,7 @@ BLOCK_BYTES = 512
 # of a floating-point point
 POINT_BYTES = 16
 # places in the header
-_LAST_FRAME, _DATA_BLOCK = 8, 16
+_LAST_FRAME, _SCALE, _DATA_BLOCK = 8, 12, 16
 _KEY = 0x50
 _PROCESSORS = {84: "intel", 85: "dec", 86: "mips"}
 _TYPES = {-1: "text", 1: "i1", 2: "i2", 4: "f4"}
@@ -29,7 +29,7 @@ _NUMBER_BYTES = {True: 4, False: 2}
 _WORDS_PER_POINT = 4
 _BYTE = 256
 # the header's 16 bits are full: the number of frames is in a parameter
-_LAST_IN_HEADER = 65535
+LAST_IN_HEADER = 65535
 
 Group = dict[str, list[Any]]
 
@@ -41,11 +41,13 @@ class C3dBlocks:
     Attributes:
         parameters: group name -> parameter name -> values, names in capitals; texts without the blanks at their end.
         xyz: (T, N, 3) in the file's units and axes. residual: (T, N) in the same units; -1 where a point is missing.
+        first_frame: number of the first one in what was recorded, from 1 on.
     """
 
     parameters: Mapping[str, Group]
     xyz: Array
     residual: Array
+    first_frame: int
 
 
 class _Header(NamedTuple):
@@ -58,7 +60,7 @@ class _Header(NamedTuple):
 
 
 def read_blocks(path: Path) -> C3dBlocks:
-    """Parse the file: the residual is the high byte of a point's fourth word, the cameras that saw it the low byte.
+    """Parse the file: the residual is the low byte of a point's fourth word, the cameras that saw it the high byte.
 
     Raises:
         InputError: it cannot be read, is not C3D, or states something that its size rules out.
@@ -74,7 +76,7 @@ def read_blocks(path: Path) -> C3dBlocks:
     parameters = _Parameters(numbers).groups()
     frames = _frame_count(path, header, parameters)
     xyz, residual = _points(numbers, header, frames, _scale(header, parameters))
-    return C3dBlocks(parameters, xyz, residual)
+    return C3dBlocks(parameters, xyz, residual, max(header.first, 1))
 
 
 def data_start(content: bytes) -> int:
@@ -82,15 +84,19 @@ def data_start(content: bytes) -> int:
     return (int.from_bytes(content[_DATA_BLOCK : _DATA_BLOCK + 2], "little") - 1) * BLOCK_BYTES
 
 
-def with_frame_count(path: Path, head: bytes, frames: int, data_bytes: int) -> bytes:
-    """Header and parameters, as ezc3d writes them of any recording, of one with so many frames and bytes of points."""
+def completed_head(path: Path, head: bytes, frames: int, data_bytes: int) -> bytes:
+    """Header and parameters, as ezc3d writes them of any recording, of one with so many frames and bytes of points.
+
+    The header's scale becomes that of the parameters: ezc3d writes -1, and some readers refuse a file with two of them.
+    """
     places = _Parameters(_Numbers(path, head)).places()
     blocks = len(head) // BLOCK_BYTES + data_bytes // BLOCK_BYTES + 2
-    changed = bytearray(head)
+    changed, scale = bytearray(head), places["POINT", "SCALE"]
+    changed[_SCALE : _SCALE + 4] = head[scale : scale + 4]
     for place, number in (
-        (_LAST_FRAME, min(frames, _LAST_IN_HEADER)),
-        (places["POINT", "FRAMES"], min(frames, _LAST_IN_HEADER)),
-        (places["ROTATION", "DATA_START"], blocks % (_LAST_IN_HEADER + 1)),
+        (_LAST_FRAME, min(frames, LAST_IN_HEADER)),
+        (places["POINT", "FRAMES"], min(frames, LAST_IN_HEADER)),
+        (places["ROTATION", "DATA_START"], blocks % (LAST_IN_HEADER + 1)),
     ):
         changed[place : place + 2] = number.to_bytes(2, "little")
     return bytes(changed)
@@ -136,7 +142,7 @@ class _Numbers:
 def _header(numbers: _Numbers) -> _Header:
     words = numbers.array(0, 12, "u2", "header")
     points, analog, first, last, data_block = words[[1, 2, 3, 4, 8]].tolist()
-    header = _Header(points, analog, first, last, data_block, numbers.one(12, "f4", "header"))
+    header = _Header(points, analog, first, last, data_block, numbers.one(_SCALE, "f4", "header"))
     if not np.isfinite(header.scale) or header.scale == 0:
         numbers.fail(f"header: expected a scale other than 0, got {header.scale}")
     if not 1 < header.data_block <= len(numbers) // BLOCK_BYTES + 1:
@@ -213,7 +219,7 @@ def _frame_count(path: Path, header: _Header, parameters: Mapping[str, Group]) -
     for name in ("LONG_FRAMES", "FRAMES"):
         if point.get(name):
             counts.append(int(point[name][0]) if np.isfinite(point[name][0]) else 0)
-    if header.last < _LAST_IN_HEADER:
+    if header.last < LAST_IN_HEADER:
         counts = counts[:1]
     count = max(counts)
     if count < 1:
@@ -249,5 +255,5 @@ def _points(numbers: _Numbers, header: _Header, frames: int, scale: float) -> tu
     with np.errstate(all="ignore"):
         xyz = table[..., :3].astype(np.float64) * (1.0 if floating else step)
         last = np.nan_to_num(np.round(table[..., 3].astype(np.float64)), nan=-1.0, posinf=-1.0, neginf=-1.0)
-        residual = np.where(last < 0, -1.0, np.mod(last // _BYTE, _BYTE) * step)
+        residual = np.where(last < 0, -1.0, np.mod(last, _BYTE) * step)
     return xyz, residual

@@ -81,6 +81,12 @@ def used_frames(observations: Observations, exclusions: Sequence[Exclusion]) -> 
     return used
 
 
+def left_out(exclusions: Sequence[Exclusion]) -> str:
+    """The end of a line about what cannot be solved: what they leave out; empty for none."""
+    listed = (f"{one.camera or 'all cameras'} from {one.start_s:g} to {one.end_s:g} s" for one in exclusions)
+    return f"; left out are {', '.join(listed)}; exclude less" if exclusions else ""
+
+
 def only_person(new_id: Array, earlier_id: Array, person: int) -> Array:
     """(R,) people of detections after a new association, in which the one person kept has the earlier id.
 
@@ -91,7 +97,7 @@ def only_person(new_id: Array, earlier_id: Array, person: int) -> Array:
     """
     found, counts = np.unique(new_id[(earlier_id == person) & (new_id != NOT_KEPT)], return_counts=True)
     if not len(found):
-        raise InputError(f"person {person}: is not followed any more with these exclusions; exclude less")
+        raise InputError(f"person {person}: is not followed any more")
     return np.where(new_id == found[np.argmax(counts)], person, NOT_KEPT)
 
 

@@ -26,7 +26,7 @@ from posefuse.health.rig_monitor import UNSYNCHRONISED, RigFinding
 from posefuse.sources import Coverage, incomplete_cameras
 
 from .config import TrackConfig
-from .edits import NO_EDITS, Edits, check_edits, only_person, used_frames
+from .edits import NO_EDITS, Edits, check_edits, left_out, only_person, used_frames
 from .following import PeopleFollower
 from .second_pass import fit_bodies_in_place, long_enough, poses_over_time
 from .time_steps import common_timeline, frame_period_ns, stored_steps
@@ -57,9 +57,12 @@ def solve(observations: Observations, rig: Rig, provenance: Mapping[str, Any]) -
     used = used_frames(observations, edits.exclusions)
     rest = observations if used.all() else observations.only(used)
     person_id = _associated(rest, rig, config)
-    if edits.person is not None:
-        person_id = only_person(person_id, rest.person_id, edits.person)
-    solved = solve_followed(rest.with_person_ids(person_id), rig, provenance)
+    try:
+        if edits.person is not None:
+            person_id = only_person(person_id, rest.person_id, edits.person)
+        solved = solve_followed(rest.with_person_ids(person_id), rig, provenance)
+    except InputError as error:
+        raise InputError(f"{error}{left_out(edits.exclusions)}") from None
     if rest is observations:
         return solved
     all_ids = np.full(len(observations), NOT_KEPT)

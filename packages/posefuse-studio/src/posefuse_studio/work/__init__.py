@@ -22,6 +22,7 @@ from pathlib import Path
 from typing import Any
 
 import posefuse as pf
+from posefuse.api.recording import NEED_NO_DETECTIONS
 from posefuse.core import InputError, PosefuseError
 from posefuse_studio.jobs import JOBS_FOLDER, Job, Jobs, Report
 from posefuse_studio.workspace import SessionAddress, StudioWorkspace, address_file, write_stored
@@ -141,7 +142,7 @@ def main() -> None:
 def report_job(arguments: Arguments, workspace: StudioWorkspace, progress: pf.Progress) -> Result:
     """The report of ``result``: angles, gait, files for other programs, one page."""
     progress("read", 0, None, f"reading {arguments['result']}")
-    made = pf.read(workspace.existing(arguments["result"])).report(progress=progress)
+    made = pf.read(workspace.existing(arguments["result"]), observed=False).report(progress=progress)
     return {"page": workspace.name_of(next(path for path in made if path.suffix == ".html"))}
 
 
@@ -149,7 +150,8 @@ def export_job(arguments: Arguments, workspace: StudioWorkspace, progress: pf.Pr
     """Files of ``result`` in the ``formats`` (names of outputs) of other programs, to ``out``."""
     out = workspace.path(arguments["out"])
     progress("read", 0, None, f"reading {arguments['result']}")
-    recording = pf.read(workspace.existing(arguments["result"]))
+    observed = not {*arguments["formats"]} <= {*NEED_NO_DETECTIONS}
+    recording = pf.read(workspace.existing(arguments["result"]), observed=observed)
     made = recording.export(out, arguments["formats"], within=workspace.root, progress=progress)
     return {"files": [workspace.name_of(path) for path in made.files], "failed": dict(made.failed)}
 
