@@ -23,7 +23,7 @@ from posefuse.core import Camera, DependencyError, Frame, Recording, Skeleton
 from posefuse.core.arrays import Array
 from posefuse.core.poses import point_sigma_m
 from posefuse.core.se3 import wxyz_from_matrix
-from posefuse.foundation.output_file import atomic_file
+from posefuse.foundation.output_file import atomic_file, check_space
 from posefuse.foundation.platform import display
 from posefuse.foundation.settings import settings
 
@@ -45,6 +45,8 @@ _IMAGE_PLANE_M, _BONE_M, _POINT_M = 0.5, 0.012, 0.02
 _NAME_ABOVE_M = 0.15
 _LINE_2D, _POINT_2D = -1.5, -1.5
 _ELLIPSOID_SIGMAS = 3.0
+# where the disk is full, Rerun 0.41 waits for its own writer without end: a file ends while there is room for what waits
+_ROOM_BYTES = 64_000_000
 
 
 def check_rerun() -> None:
@@ -79,6 +81,11 @@ def opened_stream(title: str, place: str, blueprint: Callable[[], rr.blueprint.B
     check_viewer()
     stream.spawn(memory_limit=_MEMORY, default_blueprint=blueprint())
     return stream
+
+
+def check_room(file: Path) -> None:
+    """Raise InputError where the disk of an .rrd file that is being written is nearly full."""
+    check_space(file.absolute().parent, _ROOM_BYTES)
 
 
 def camera_path(name: str) -> str:
@@ -210,8 +217,15 @@ class RerunSink(ImageOutput):
         stream = rr.RecordingStream("posefuse", recording_id=identity)
         with atomic_file(path) as staged:
             try:
+                check_room(staged)
                 stream.save(staged, default_blueprint=session_blueprint(recording.rig.names, _below()))
-                yield _Logged(stream, recording, self.image_px).step
+                logged = _Logged(stream, recording, self.image_px)
+
+                def show(i: int, frames: Frames) -> None:
+                    check_room(staged)
+                    logged.step(i, frames)
+
+                yield show
             finally:
                 stream.disconnect()
 
