@@ -219,13 +219,7 @@ class RerunSink(ImageOutput):
             try:
                 check_room(staged)
                 stream.save(staged, default_blueprint=session_blueprint(recording.rig.names, _below()))
-                logged = _Logged(stream, recording, self.image_px)
-
-                def show(i: int, frames: Frames) -> None:
-                    check_room(staged)
-                    logged.step(i, frames)
-
-                yield show
+                yield _Logged(stream, recording, self.image_px, staged).step
             finally:
                 stream.disconnect()
 
@@ -255,17 +249,18 @@ def show_recording(recording: Recording, frame_sets: FrameSets | None = None) ->
 
 
 class _Logged:
-    """A recording that is logged to a stream."""
+    """A recording that is logged to a stream into a file."""
 
-    def __init__(self, stream: rr.RecordingStream, recording: Recording, image_px: int) -> None:
-        self._stream, self._recording, self._image_px = stream, recording, image_px
+    def __init__(self, stream: rr.RecordingStream, recording: Recording, image_px: int, file: Path) -> None:
+        self._stream, self._recording, self._image_px, self._file = stream, recording, image_px, file
         self._cameras = [_shown(camera, image_px) for camera in recording.rig]
         log_cameras(stream, self._cameras)
         self._log_about()
         self._log_plots()
 
     def step(self, i: int, frames: Frames) -> None:
-        """One time step."""
+        """One time step; raises InputError where the disk is nearly full."""
+        check_room(self._file)
         poses = self._recording.poses
         self._stream.set_time(TIMELINE, duration=float(poses.t_ns[i]) / 1e9)
         for n, person in enumerate(poses.person_id):
