@@ -21,7 +21,7 @@ from posefuse.formats.recording import write_recording
 from posefuse.outputs import write_outputs
 from posefuse.outputs.data_files import CsvSink
 from posefuse.outputs.frames import write_each
-from posefuse.outputs.rerun import RerunSink, ellipsoid_axes, open_in_viewer
+from posefuse.outputs.rerun import RerunSink, ellipsoid_axes, open_in_viewer, opened_stream
 
 Make = Callable[..., Recording]
 needs_rerun = pytest.mark.skipif(importlib.util.find_spec("rerun") is None, reason="needs the extra `viewer`")
@@ -59,6 +59,9 @@ def test_a_disk_that_fills_up_ends_the_file_and_no_other(
     outcome = write_each([RerunSink(), CsvSink()], make_recording(), tmp_path)
     assert re.search("about 64 MB will be written, 2 MB are free", str(outcome.failed["rerun"]))
     assert sorted(path.suffix for path in tmp_path.iterdir()) == [".csv", ".json"]
+    live = tmp_path / "live.rrd"
+    refusal(InputError, "about 64 MB will be written, 2 MB are free", opened_stream, "live", str(live), lambda: None)
+    assert not live.exists()
 
 
 def test_ellipsoids_are_the_covariance() -> None:

@@ -69,13 +69,14 @@ def opened_stream(title: str, place: str, blueprint: Callable[[], rr.blueprint.B
     """A live stream into a viewer of its own (`place` is ``spawn``) or into the .rrd file `place`.
 
     Raises:
-        DependencyError: the Rerun SDK is not installed, or there is no display for a viewer.
+        DependencyError: the Rerun SDK is not installed, or there is no display for a viewer. InputError: the disk is nearly full.
     """
     check_rerun()
     import rerun as rr
 
     stream = rr.RecordingStream(title)
     if place != SPAWN:
+        check_room(Path(place))
         stream.save(place, default_blueprint=blueprint())
         return stream
     check_viewer()
