@@ -116,6 +116,11 @@ def test_a_value_of_another_kind_is_refused_by_name(given: dict[str, Any], messa
     refusal(InputError, message, example, "a", **given)
 
 
+def test_arguments_by_place_are_checked_as_those_by_name(make_recording: Callable[..., pf.Recording], tmp_path: Path) -> None:
+    refusal(InputError, "export: formats: expected a list of names, got 'trc'", make_recording().export, tmp_path, "trc")
+    refusal(InputError, "models: names: expected a list of names, got 'blazepose_full'", pf.models, "blazepose_full", check=True)
+
+
 def test_what_fits_passes_and_other_errors_are_those_of_python() -> None:
     assert example("a", flag=False, count=3, names=("trc",), settings={"a": 1}) == "a"
     assert example("a", count=None, settings=None) == "a"

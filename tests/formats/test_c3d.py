@@ -1,5 +1,6 @@
 """C3D: against ezc3d itself, a file of a gait lab, and round trips."""
 
+import sys
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -9,7 +10,7 @@ import numpy as np
 import pytest
 from checks import assert_same, refusal
 
-from posefuse.core import InputError, ShapeError
+from posefuse.core import DiskFullError, InputError, ShapeError
 from posefuse.formats import c3d
 from posefuse.formats.c3d import C3dData, C3dEvent, read_c3d, write_c3d
 from posefuse.formats.c3d_blocks import data_start, read_blocks
@@ -127,6 +128,31 @@ def test_subject_and_events_as_the_library_reads_them(tmp_path: Path, count: int
     assert event["LABELS"]["value"][:3] == ["Foot Strike", "Foot Strike", "Foot Off"]
     np.testing.assert_allclose(event["TIMES"]["value"], [np.zeros(kept), 0.1 * np.arange(kept)], rtol=1e-6)
     read_c3d(tmp_path / "a.c3d")
+
+
+@pytest.mark.parametrize("subject", ["李" * 64, "Ä" * 64])
+def test_a_long_name_is_cut_at_a_whole_character(tmp_path: Path, subject: str) -> None:
+    """127 bytes are all that a string may have; ezc3d refuses a file with a longer one."""
+    write_c3d(tmp_path / "a.c3d", replace(some_points(), subject=subject, events=(C3dEvent(0.0, "left", "strike"),)))
+    groups = ezc3d.c3d(str(tmp_path / "a.c3d"))["parameters"]
+    [kept] = groups["SUBJECTS"]["NAMES"]["value"]
+    assert subject.startswith(kept) and 124 < len(kept.encode()) <= 127
+    assert groups["EVENT"]["SUBJECTS"]["value"] == [kept]
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="Windows has no largest size of a file")
+@pytest.mark.parametrize("most_bytes", [0, 1000, 2000])
+def test_no_room_for_the_header_is_one_line(tmp_path: Path, most_bytes: int) -> None:
+    """ezc3d does not report that its disk is full: `IndexError: index out of range` was the reason given."""
+    import resource
+
+    before = resource.getrlimit(resource.RLIMIT_FSIZE)
+    try:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (most_bytes, before[1]))
+        refusal(DiskFullError, "a.c3d: cannot be written, .*no room", write_c3d, tmp_path / "a.c3d", some_points())
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, before)
+    assert not list(tmp_path.iterdir())
 
 
 def test_a_gait_labs_file(shared_data: Path) -> None:

@@ -1,5 +1,6 @@
 """TRC: round trips, real files of others, and files that are wrong."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -10,7 +11,7 @@ from hypothesis import settings as hypothesis_settings
 from hypothesis import strategies as st
 
 from posefuse.core import InputError, ShapeError
-from posefuse.formats.trc import TrcData, read_trc, write_trc
+from posefuse.formats.trc import METRES, TrcData, read_trc, write_trc
 
 GOLDEN = Path(__file__).resolve().parents[1] / "golden" / "files" / "pose.trc"
 
@@ -23,12 +24,13 @@ def some_points(times: int = 5, markers: int = 3, seed: int = 0) -> TrcData:
     return TrcData(names=names, t_s=np.arange(times) / 120 + 0.5, xyz_world=xyz, rate_hz=120.0)
 
 
-@given(times=st.integers(1, 6), markers=st.integers(1, 12), seed=st.integers(0, 10**6), units=st.sampled_from(["m", "mm"]))
+@given(times=st.integers(1, 6), markers=st.integers(1, 12), seed=st.integers(0, 10**6), units=st.sampled_from(["m", "cm", "mm"]))
 @hypothesis_settings(max_examples=30, deadline=None)
 def test_round_trip(tmp_path_factory: pytest.TempPathFactory, times: int, markers: int, seed: int, units: str) -> None:
     data = some_points(times, markers, seed)
     path = tmp_path_factory.mktemp("trc") / "a.trc"
-    write_trc(path, data, units)
+    write_trc(path, replace(data, xyz_world=data.xyz_world / METRES[units]))
+    path.write_text(path.read_text().replace("\tm\t", f"\t{units}\t", 1))
     assert_same(read_trc(path), data, atol=1e-6)
 
 
@@ -75,7 +77,7 @@ def test_tabs_of_other_writers(tmp_path: Path) -> None:
     ("old", "new", "message"),
     [
         ("PathFileType", "Path", "not a TRC file"),
-        ("\tm\t", "\tinch\t", "units: expected one of m, mm, cm, got 'inch'; state them"),
+        ("\tm\t", "\tinch\t", "line 3: Units: expected one of m, mm, cm, got 'inch'; correct it in the file"),
         ("DataRate", "Rate", "line 2: DataRate is missing"),
         ("\t3\tm", "\t4\tm", "line 4: expected NumMarkers = 4 names, got 3"),
         ("\n120\t", "\nfast\t", "DataRate: expected a number of Hz > 0, got 'fast'"),
@@ -97,10 +99,12 @@ def test_bad_files(tmp_path: Path, old: str, new: str, message: str) -> None:
 @pytest.mark.parametrize(("true", "stated"), [("mm", "m"), ("m", "mm")])
 def test_units_that_cannot_be(tmp_path: Path, true: str, stated: str) -> None:
     path, data = tmp_path / "a.trc", some_points()
-    write_trc(path, data, true)
-    path.write_text(path.read_text().replace(f"\t{true}\t", f"\t{stated}\t", 1))
-    refusal(InputError, rf"units '{stated}' .*units='{true}'", read_trc, path)
-    assert_same(read_trc(path, units=true), data, atol=1e-6)
+    write_trc(path, replace(data, xyz_world=data.xyz_world / METRES[true]))
+    text = path.read_text()
+    path.write_text(text.replace("\tm\t", f"\t{stated}\t", 1))
+    refusal(InputError, rf"line 3: Units {stated} give .* to {true} perhaps", read_trc, path)
+    path.write_text(text.replace("\tm\t", f"\t{true}\t", 1))
+    assert_same(read_trc(path), data, atol=1e-6)
 
 
 def test_names_and_shapes(tmp_path: Path) -> None:

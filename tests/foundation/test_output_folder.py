@@ -86,6 +86,25 @@ def test_what_fails_keeps_the_old_result_and_the_old_file(tmp_path: Path, proble
     assert tree(tmp_path) == before
 
 
+@pytest.mark.parametrize("number", [errno.EIO, errno.EROFS, errno.ESTALE, errno.ENAMETOOLONG])
+def test_whatever_keeps_a_file_from_being_written_is_one_line(tmp_path: Path, number: int) -> None:
+    """A network disk that went away ended in a trace."""
+    (tmp_path / "a.txt").write_text("old")
+
+    def written() -> None:
+        with atomic_file(tmp_path / "a.txt"):
+            raise OSError(number, os.strerror(number))
+
+    refusal(InputError, rf"a\.txt: cannot be written \({os.strerror(number)}\)", written)
+    assert tree(tmp_path) == {"a.txt": b"old"}
+
+
+def test_trouble_with_another_file_is_not_blamed_on_the_one_that_is_written(tmp_path: Path) -> None:
+    with pytest.raises(FileNotFoundError, match="none"), atomic_file(tmp_path / "a.txt"):
+        (tmp_path / "none").read_text()
+    assert not list(tmp_path.iterdir())
+
+
 def test_a_result_is_replaced_only_on_request_and_by_the_same_command(tmp_path: Path) -> None:
     make(tmp_path / "result")
     refused(tmp_path / "result", "holds results already; .*`replace=True`.* kept in NAME.replaced-TIME", replace=False)

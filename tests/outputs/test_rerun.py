@@ -1,7 +1,11 @@
 """The Rerun recording, read back by Rerun's own tools; the viewer without a display."""
 
 import importlib.util
+import itertools
+import re
+import shutil
 import sys
+from collections import namedtuple
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
@@ -15,7 +19,9 @@ import posefuse as pf
 from posefuse.core import DependencyError, InputError, Recording
 from posefuse.formats.recording import write_recording
 from posefuse.outputs import write_outputs
-from posefuse.outputs.rerun import RerunSink, ellipsoid_axes, open_in_viewer
+from posefuse.outputs.data_files import CsvSink
+from posefuse.outputs.frames import write_each
+from posefuse.outputs.rerun import RerunSink, ellipsoid_axes, open_in_viewer, opened_stream
 
 Make = Callable[..., Recording]
 needs_rerun = pytest.mark.skipif(importlib.util.find_spec("rerun") is None, reason="needs the extra `viewer`")
@@ -40,6 +46,22 @@ def test_images_can_be_left_out(tmp_path: Path, make_recording: Make, grey_frame
     [path] = write_outputs([RerunSink(image_px=0)], recording, tmp_path, grey_frames(recording))
     listing = python("-m", "rerun", "rrd", "print", str(path)).stdout
     assert "/world/cameras/cam00" in listing and "/image" not in listing
+
+
+@needs_rerun
+def test_a_disk_that_fills_up_ends_the_file_and_no_other(
+    tmp_path: Path, make_recording: Make, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Rerun never comes back from a write that failed: the command hung, with the result unfinished."""
+    looks = itertools.count()
+    usage = namedtuple("usage", "free")
+    monkeypatch.setattr(shutil, "disk_usage", lambda _: usage(1_000_000_000 if next(looks) < 3 else 2_000_000))
+    outcome = write_each([RerunSink(), CsvSink()], make_recording(), tmp_path)
+    assert re.search("about 64 MB will be written, 2 MB are free", str(outcome.failed["rerun"]))
+    assert sorted(path.suffix for path in tmp_path.iterdir()) == [".csv", ".json"]
+    live = tmp_path / "live.rrd"
+    refusal(InputError, "about 64 MB will be written, 2 MB are free", opened_stream, "live", str(live), lambda: None)
+    assert not live.exists()
 
 
 def test_ellipsoids_are_the_covariance() -> None:

@@ -335,4 +335,4 @@ def test_broken_files_are_named_with_their_line(tmp_path: Path, old: str, new: s
 
 def test_cut_off_file(tmp_path: Path) -> None:
     refusal(InputError, "got the end of the file", lambda: read_bvh(written(tmp_path, ARM[:120])))
-    refusal(InputError, "cannot be read", read_bvh, tmp_path / "none.bvh")
+    refusal(InputError, "none.bvh: no such file", read_bvh, tmp_path / "none.bvh")

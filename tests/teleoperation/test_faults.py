@@ -30,7 +30,7 @@ def test_a_robot_process_that_loses_half_of_its_steps_stands_as_soon(sequence):
 
 GUARDS = {
     "separation": {"robot": replace(SETTINGS.robot, shared=False)},
-    "watchdog": {"robot": replace(SETTINGS.robot, watchdog_s=100.0)},
+    "watchdog": {"robot": replace(SETTINGS.robot, watchdog_s=0.5)},
     "velocity": {"limits": replace(SETTINGS.limits, speed_mps=0.7)},
     "acceleration": {"limits": replace(SETTINGS.limits, acceleration_mps2=3.0)},
     "box": {"limits": replace(SETTINGS.limits, box_high_m=(2.1, 0.1, 1.1))},

@@ -30,14 +30,13 @@ _EXPECTED: dict[str, tuple[str, Callable[[Any], bool]]] = {
 def checked(function: Callable[P, R]) -> Callable[P, R]:
     """A function that raises InputError, naming the argument, for a value of another kind than its annotation states.
 
-    Looks at keyword arguments. Annotations are compared as text: flags, numbers, lists of names and mappings of settings, each
-    also with ``| None``.
+    Annotations are compared as text: flags, numbers, lists of names and mappings of settings, each also with ``| None``.
     """
     annotations = {name: str(one.annotation) for name, one in signature(function).parameters.items()}
 
     @wraps(function)
     def call(*args: P.args, **kwargs: P.kwargs) -> R:
-        for name, value in kwargs.items():
+        for name, value in {**dict(zip(annotations, args, strict=False)), **kwargs}.items():
             kind, _, none = annotations.get(name, "").partition(" | ")
             if kind not in _EXPECTED or none not in ("", "None") or (none and value is None):
                 continue

@@ -24,7 +24,7 @@ from posefuse.foundation.platform import default_cache_dir, display, usable_core
 from posefuse.foundation.plugins import GROUPS, list_plugins, option_names
 from posefuse.foundation.summary import Block, Heading, Note, Table
 
-from .arguments import shown
+from .arguments import checked, shown
 
 EXTRAS = {
     "data": "xarray, pandas, plots",
@@ -283,6 +283,7 @@ class Models:
         return [Heading(f"Models in {self.folder}"), table, *([Note(line, warning=True)] if self.missing else [])]
 
 
+@checked
 def models(
     names: Sequence[str] = (),
     *,

@@ -153,7 +153,7 @@ def demo(
         force: Replace DIR if it exists.
     """
     clip = pf.demo_session()
-    terminal.note(f"the clip lies in {clip}; the same as: posefuse track {clip} --out {out}")
+    terminal.note(f"the clip lies in {clip}; the same as: posefuse track {quoted(clip)} --out {quoted(out)}")
     figures = track(clip, options=TrackOptions(out=out, replace=force), terminal=terminal)
     terminal.next(f"open {out / 'overlay.mp4'}", "all four views with the skeleton drawn in")
     own = "your own recording: a folder with a calibration file and one video per camera"

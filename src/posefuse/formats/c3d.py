@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from posefuse.core import InputError, ShapeError
+from posefuse.core import DiskFullError, InputError, ShapeError
 from posefuse.core.arrays import Array, frozen_fields
 from posefuse.core.errors import choices
 from posefuse.foundation.output_file import atomic_file
@@ -26,7 +26,8 @@ _METRES = {"mm": 1e-3, "cm": 1e-2, "m": 1.0}
 _FINEST_RESIDUAL_MM = 0.1
 # of the byte's 255: some readers take it as signed
 _MOST_STEPS = 127
-# a string of a C3D parameter is at most 127 characters in every reader
+# a string of a C3D parameter is at most 127 bytes in every reader
+_TEXT_BYTES = 127
 _TEXT_PIECE = 120
 _TEXT_PIECES = 200
 _NAMES_PER_PARAMETER = 255
@@ -111,6 +112,10 @@ def _head_of(path: Path, data: C3dData, labels: list[str], step_mm: float) -> by
             content = written.read_bytes()
         except (OSError, RuntimeError, ValueError) as error:
             raise InputError(f"{path}: cannot be written ({error})") from None
+        # ezc3d writes to a full disk without a word
+        if len(content) < BLOCK_BYTES or not BLOCK_BYTES < data_start(content) < len(content):
+            folder = Path(scratch).parent
+            raise DiskFullError(f"{path}: cannot be written, there is no room in {folder}; set TMPDIR to another folder")
     return content[: data_start(content)]
 
 
@@ -193,13 +198,14 @@ def _parameters(data: C3dData) -> dict[str, dict[str, Any]]:
         groups["TRIAL"] = {"ACTUAL_START_FIELD": [1, 0], "ACTUAL_END_FIELD": words}
     if data.angle_names:
         groups["POINT"] |= {"ANGLES": list(data.angle_names), "ANGLE_UNITS": "deg", "TYPE_GROUPS": ["ANGLES", "ANGLE"]}
-    if data.subject:
-        groups["SUBJECTS"] = {"USED": [1], "NAMES": [data.subject], "USES_PREFIXES": [0], "LABEL_PREFIXES": [""]}
+    subject = data.subject.encode()[:_TEXT_BYTES].decode(errors="ignore")
+    if subject:
+        groups["SUBJECTS"] = {"USED": [1], "NAMES": [subject], "USES_PREFIXES": [0], "LABEL_PREFIXES": [""]}
     if events := data.events[:_NAMES_PER_PARAMETER]:
         # a time is minutes and seconds; readers add them up
         times = np.array([[0.0, event.t_s] for event in events]).T
         sides, labels = [event.side.title() for event in events], [_EVENT_LABELS[event.kind] for event in events]
-        subjects = [data.subject] * len(events)
+        subjects = [subject] * len(events)
         groups["EVENT"] = {"USED": [len(events)], "CONTEXTS": sides, "LABELS": labels, "TIMES": times, "SUBJECTS": subjects}
     groups["MANUFACTURER"] = {"COMPANY": "posefuse", "SOFTWARE": "posefuse", "VERSION_LABEL": data.about.get("VERSION", "")}
     return {**groups, "POSEFUSE": {key: _pieces(key, text) for key, text in data.about.items()}}

@@ -14,6 +14,7 @@ import numpy as np
 
 from posefuse.core import InputError
 from posefuse.core.arrays import Array
+from posefuse.foundation.parsing import read_bytes
 
 BLOCK_BYTES = 512
 # of a floating-point point
@@ -65,10 +66,7 @@ def read_blocks(path: Path) -> C3dBlocks:
     Raises:
         InputError: it cannot be read, is not C3D, or states something that its size rules out.
     """
-    try:
-        content = path.read_bytes()
-    except OSError as error:
-        raise InputError(f"{path}: cannot be read ({error.strerror})") from None
+    content = read_bytes(path)
     if len(content) < 2 * BLOCK_BYTES or content[1] != _KEY:
         raise InputError(f"{path}: cannot be read as C3D: expected a header of 512 bytes whose second byte is 80, and parameters")
     numbers = _Numbers(path, content)

@@ -23,6 +23,7 @@ import numpy as np
 from posefuse.core import DetectionBatch, Detections2D, InputError, LookKind, PosefuseError, Skeleton
 from posefuse.core.arrays import Array
 from posefuse.core.values import DETECTION_ARRAYS, DETECTION_DTYPES
+from posefuse.foundation.parsing import read_bytes
 
 LOG_FILE = "detections.log"
 _MAGIC = b"posefuse detections 2\n"
@@ -130,10 +131,7 @@ def read_log(path: Path) -> StoredDetections:
     Raises:
         InputError: the file cannot be read or is no log.
     """
-    try:
-        content = path.read_bytes()
-    except OSError as error:
-        raise InputError(f"{path}: cannot be read ({error.strerror})") from None
+    content = read_bytes(path)
     if not content.startswith(_MAGIC):
         raise InputError(f"{path}: not a log of detections, or of another version of posefuse")
     records = _records(content, len(_MAGIC))

@@ -53,11 +53,8 @@ def read_arrays(path: Path) -> dict[str, Array]:
 
 def write_arrays(path: Path, arrays: Mapping[str, Any]) -> None:
     """Write named arrays as .npz whose bytes depend on nothing but them; raises InputError when that fails."""
-    try:
-        with atomic_file(path) as staged:
-            np.savez_compressed(staged, **arrays)
-    except OSError as error:
-        raise InputError(f"{path}: cannot be written ({error})") from None
+    with atomic_file(path) as staged:
+        np.savez_compressed(staged, **arrays)
 
 
 def _check_expansion(path: Path) -> None:

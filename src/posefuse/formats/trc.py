@@ -1,4 +1,4 @@
-"""TRC: marker trajectories as OpenSim reads them (tab-separated, Y up, metres or millimetres).
+"""TRC: marker trajectories as OpenSim reads them (tab-separated, Y up; read in m, cm or mm, written in metres).
 
 Converted at the door: (X, Y, Z) of the file = (Y, Z, X) of our world, which is Z up. A missing point is an empty cell.
 """
@@ -9,7 +9,6 @@ import itertools
 import math
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal
 
 import numpy as np
 
@@ -36,12 +35,8 @@ class TrcData(NamedPoints):
     rate_hz: float
 
 
-def read_trc(path: Path | str, units: str | None = None) -> TrcData:
+def read_trc(path: Path | str) -> TrcData:
     """Read a TRC file.
-
-    Args:
-        path: the file.
-        units: ``m``, ``mm`` or ``cm``, for a file that names none or names wrong ones.
 
     Raises:
         InputError: not a TRC file, no units, units that make the points impossibly far or small, or rows that do not fit
@@ -50,19 +45,21 @@ def read_trc(path: Path | str, units: str | None = None) -> TrcData:
     path = Path(path)
     lines = _lines(path)
     header = _header(path, lines)
-    metres = _metres(path, units or header.get("Units", ""))
+    units = header.get("Units", "")
+    if units not in METRES:
+        raise InputError(f"{path}: line 3: Units: expected one of {choices(METRES)}, got {short(units)}; correct it in the file")
     names = _names(path, lines[3], header)
     rows = [_row(path, i + 1, line, len(names)) for i, line in enumerate(lines) if i >= _HEADER_LINES and line.strip()]
     if not rows:
         raise InputError(f"{path}: expected rows of points after the header, got none")
     table = np.array(rows)
-    xyz_file = table[:, 1:].reshape(len(rows), len(names), 3) * metres
-    _check_scale(path, xyz_file, units or header["Units"])
+    xyz_file = table[:, 1:].reshape(len(rows), len(names), 3) * METRES[units]
+    _check_scale(path, xyz_file, units)
     return TrcData(names=names, t_s=table[:, 0], xyz_world=xyz_file[..., [2, 0, 1]], rate_hz=_rate(path, header))
 
 
-def write_trc(path: Path | str, data: TrcData, units: Literal["m", "mm"] = "m") -> None:
-    """Write a TRC file that OpenSim opens; coordinates with 7 digits after the point in metres, 4 in millimetres.
+def write_trc(path: Path | str, data: TrcData) -> None:
+    """Write a TRC file that OpenSim opens; coordinates in metres with 7 digits after the point.
 
     Raises:
         InputError: the place cannot be written to, or a marker name holds a tab or a line break.
@@ -75,19 +72,18 @@ def write_trc(path: Path | str, data: TrcData, units: Literal["m", "mm"] = "m") 
     lines = [
         f"PathFileType\t4\t(X/Y/Z)\t{path.name}",
         "DataRate\tCameraRate\tNumFrames\tNumMarkers\tUnits\tOrigDataRate\tOrigDataStartFrame\tOrigNumFrames",
-        f"{rate}\t{rate}\t{count}\t{len(data.names)}\t{units}\t{rate}\t1\t{count}",
+        f"{rate}\t{rate}\t{count}\t{len(data.names)}\tm\t{rate}\t1\t{count}",
         "Frame#\tTime\t" + "\t\t\t".join(data.names) + "\t\t",
         "\t\t" + "\t".join(f"{axis}{i + 1}" for i in range(len(data.names)) for axis in "XYZ"),
         "",
     ]
-    digits = 7 if units == "m" else 4
-    xyz_file = data.xyz_world[..., [1, 2, 0]].reshape(count, -1) / METRES[units]
-    rows = (_line(i + 1, t_s, row, digits) for i, (t_s, row) in enumerate(zip(data.t_s, xyz_file, strict=True)))
+    xyz_file = data.xyz_world[..., [1, 2, 0]].reshape(count, -1)
+    rows = (_line(i + 1, t_s, row) for i, (t_s, row) in enumerate(zip(data.t_s, xyz_file, strict=True)))
     write_lines(path, itertools.chain(lines, rows))
 
 
-def _line(number: int, t_s: float, row: Array, digits: int) -> str:
-    cells = [f"{value:.{digits}f}" if math.isfinite(value) else "" for value in row]
+def _line(number: int, t_s: float, row: Array) -> str:
+    cells = [f"{value:.7f}" if math.isfinite(value) else "" for value in row]
     return "\t".join([str(number), f"{t_s:.6f}", *cells])
 
 
@@ -104,14 +100,6 @@ def _header(path: Path, lines: list[str]) -> dict[str, str]:
         if key not in header:
             raise InputError(f"{path}: line 2: {key} is missing; there are: {one_line(choices(header))}")
     return header
-
-
-def _metres(path: Path, units: str) -> float:
-    if units not in METRES:
-        raise InputError(
-            f"{path}: units: expected one of {choices(METRES)}, got {short(units)}; state them: read_trc(path, units='mm')"
-        )
-    return METRES[units]
 
 
 def _rate(path: Path, header: dict[str, str]) -> float:
@@ -156,6 +144,6 @@ def _check_scale(path: Path, xyz_m: Array, units: str) -> None:
     size_m = float(np.ptp(seen, axis=0).max())
     if np.median(np.abs(seen)) > _FARTHEST_M or size_m < _SMALLEST_M:
         raise InputError(
-            f"{path}: units {short(units)} give points that span {size_m:.3g} m; "
-            f"they seem to be wrong: state them, e.g. read_trc(path, units='{'mm' if size_m > 1 else 'm'}')"
+            f"{path}: line 3: Units {units} give points that span {size_m:.3g} m; "
+            f"they seem to be wrong: correct them in the file, to {'mm' if size_m > 1 else 'm'} perhaps"
         )

@@ -14,7 +14,7 @@ import numpy as np
 
 from posefuse.core import SE3, SKELETONS, CameraTruth, InputError, JointAngles, PosefuseError, Rig, Truth
 from posefuse.core.arrays import Array
-from posefuse.foundation.parsing import one_line, parse_json, short
+from posefuse.foundation.parsing import one_line, parse_json, read_bytes, short
 
 from .npz import DAMAGED, read_arrays, write_arrays
 from .recording import camera_from_values, camera_values
@@ -75,7 +75,7 @@ def read_loop(folder: Path) -> int | None:
     path = folder / LOOP_FILE
     if not path.is_file():
         return None
-    loop = parse_json(str(path), path.read_bytes())
+    loop = parse_json(str(path), read_bytes(path))
     if not isinstance(loop, dict) or not isinstance(loop.get("loop_ns"), int) or loop["loop_ns"] <= 0:
         raise InputError(f'{path}: expected {{"loop_ns": nanoseconds > 0}}, got {one_line(loop)}')
     return int(loop["loop_ns"])

@@ -107,7 +107,8 @@ def atomic_file(path: Path) -> Iterator[Path]:
         yield temporary
         temporary.replace(path)
     except OSError as error:
-        if not (is_disk_full(error) or isinstance(error, PermissionError)):
+        # trouble with another file, or with a connection that content comes from
+        if error.filename not in (None, str(temporary)) or isinstance(error, ConnectionError):
             raise
         raise _unwritten(path, error) from None
     finally:
@@ -116,7 +117,7 @@ def atomic_file(path: Path) -> Iterator[Path]:
 
 def _unwritten(path: Path, error: OSError) -> InputError:
     kind = DiskFullError if is_disk_full(error) else InputError
-    return kind(f"{path}: cannot be written ({error.strerror})")
+    return kind(f"{path}: cannot be written ({error.strerror or error})")
 
 
 def write_text(path: Path, text: str) -> None:

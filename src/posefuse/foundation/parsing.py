@@ -34,16 +34,21 @@ def read_text(path: Path, error: type[InputError] = InputError) -> str:
         raise error(f"{path}: cannot be read as text ({problem})") from None
 
 
+def read_bytes(path: Path) -> bytes:
+    """The content of a file; raises InputError when it cannot be read."""
+    try:
+        return path.read_bytes()
+    except OSError as problem:
+        raise InputError(f"{path}: cannot be read ({problem.strerror})") from None
+
+
 def read_any_text(path: Path) -> str:
     """The text of a table as spreadsheets save it: UTF-8, UTF-16 with a byte order mark, else Windows Latin-1.
 
     Raises:
         InputError: it cannot be read.
     """
-    try:
-        content = path.read_bytes()
-    except OSError as problem:
-        raise InputError(f"{path}: cannot be read ({problem.strerror})") from None
+    content = read_bytes(path)
     if content.startswith(_UTF16_MARKS):
         return content.decode("utf-16", errors="replace")
     try:

@@ -11,7 +11,7 @@ from typing import Annotated, ClassVar
 import numpy as np
 from annotated_types import Ge, Le
 
-from posefuse.core import SE3, Camera, InputError, Kind, Recording
+from posefuse.core import SE3, Camera, Kind, Recording
 from posefuse.core.arrays import Array
 from posefuse.foundation.output_file import atomic_file
 from posefuse.foundation.settings import settings
@@ -168,6 +168,8 @@ class OverviewSink(ImageOutput):
     @contextmanager
     def showing(self, recording: Recording, path: Path) -> Iterator[ShowStep]:
         """The frames of one time step are kept for the end."""
+        import cv2
+
         chosen, images = best_time_step(recording), list[Array | None]([None] * len(recording.rig))
 
         def show(i: int, frames: Frames) -> None:
@@ -175,7 +177,9 @@ class OverviewSink(ImageOutput):
                 images[:] = [None if frame is None else frame.image for frame in frames]
 
         yield show
-        write_png(path, self._picture(recording, chosen, images))
+        picture = cv2.cvtColor(self._picture(recording, chosen, images), cv2.COLOR_RGB2BGR)
+        with atomic_file(path) as staged:
+            staged.write_bytes(cv2.imencode(".png", picture)[1].tobytes())
 
     def _picture(self, recording: Recording, i: int, images: Sequence[Array | None]) -> Array:
         grid = grid_for([camera.size_wh for camera in recording.rig], (self.width_px, self.height_px))
@@ -193,12 +197,3 @@ def best_time_step(recording: Recording) -> int:
     measured = ((kind == Kind.FUSED) | (kind == Kind.SMOOTHED)).sum(axis=(1, 2))
     from_middle = np.abs(np.arange(len(kind)) - (len(kind) - 1) / 2) / max(1, len(kind))
     return int(np.argmax(measured - from_middle))
-
-
-def write_png(path: Path, picture: Array) -> None:
-    """Write an RGB image (H, W, 3); raises InputError when the place cannot be written to."""
-    import cv2
-
-    with atomic_file(path) as staged:
-        if not cv2.imwrite(str(staged), cv2.cvtColor(picture, cv2.COLOR_RGB2BGR)):
-            raise InputError(f"{path}: cannot be written")

@@ -23,7 +23,7 @@ from posefuse.core import Camera, DependencyError, Frame, Recording, Skeleton
 from posefuse.core.arrays import Array
 from posefuse.core.poses import point_sigma_m
 from posefuse.core.se3 import wxyz_from_matrix
-from posefuse.foundation.output_file import atomic_file
+from posefuse.foundation.output_file import atomic_file, check_space
 from posefuse.foundation.platform import display
 from posefuse.foundation.settings import settings
 
@@ -45,6 +45,8 @@ _IMAGE_PLANE_M, _BONE_M, _POINT_M = 0.5, 0.012, 0.02
 _NAME_ABOVE_M = 0.15
 _LINE_2D, _POINT_2D = -1.5, -1.5
 _ELLIPSOID_SIGMAS = 3.0
+# where the disk is full, Rerun 0.41 waits for its own writer without end: a file ends while there is room for what waits
+_ROOM_BYTES = 64_000_000
 
 
 def check_rerun() -> None:
@@ -67,18 +69,24 @@ def opened_stream(title: str, place: str, blueprint: Callable[[], rr.blueprint.B
     """A live stream into a viewer of its own (`place` is ``spawn``) or into the .rrd file `place`.
 
     Raises:
-        DependencyError: the Rerun SDK is not installed, or there is no display for a viewer.
+        DependencyError: the Rerun SDK is not installed, or there is no display for a viewer. InputError: the disk is nearly full.
     """
     check_rerun()
     import rerun as rr
 
     stream = rr.RecordingStream(title)
     if place != SPAWN:
+        check_room(Path(place))
         stream.save(place, default_blueprint=blueprint())
         return stream
     check_viewer()
     stream.spawn(memory_limit=_MEMORY, default_blueprint=blueprint())
     return stream
+
+
+def check_room(file: Path) -> None:
+    """Raise InputError where the disk of an .rrd file that is being written is nearly full."""
+    check_space(file.absolute().parent, _ROOM_BYTES)
 
 
 def camera_path(name: str) -> str:
@@ -210,8 +218,9 @@ class RerunSink(ImageOutput):
         stream = rr.RecordingStream("posefuse", recording_id=identity)
         with atomic_file(path) as staged:
             try:
+                check_room(staged)
                 stream.save(staged, default_blueprint=session_blueprint(recording.rig.names, _below()))
-                yield _Logged(stream, recording, self.image_px).step
+                yield _Logged(stream, recording, self.image_px, staged).step
             finally:
                 stream.disconnect()
 
@@ -241,17 +250,18 @@ def show_recording(recording: Recording, frame_sets: FrameSets | None = None) ->
 
 
 class _Logged:
-    """A recording that is logged to a stream."""
+    """A recording that is logged to a stream into a file."""
 
-    def __init__(self, stream: rr.RecordingStream, recording: Recording, image_px: int) -> None:
-        self._stream, self._recording, self._image_px = stream, recording, image_px
+    def __init__(self, stream: rr.RecordingStream, recording: Recording, image_px: int, file: Path) -> None:
+        self._stream, self._recording, self._image_px, self._file = stream, recording, image_px, file
         self._cameras = [_shown(camera, image_px) for camera in recording.rig]
         log_cameras(stream, self._cameras)
         self._log_about()
         self._log_plots()
 
     def step(self, i: int, frames: Frames) -> None:
-        """One time step."""
+        """One time step; raises InputError where the disk is nearly full."""
+        check_room(self._file)
         poses = self._recording.poses
         self._stream.set_time(TIMELINE, duration=float(poses.t_ns[i]) / 1e9)
         for n, person in enumerate(poses.person_id):

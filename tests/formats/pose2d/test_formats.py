@@ -224,6 +224,14 @@ def test_a_deeplabcut_file_that_was_cut_short_is_named_with_its_row(tmp_path: Pa
     refusal(InputError, rf"camDLC\.csv: row {row}: expected \d+ columns, got \d+", read_pose2d, path, "cam")
 
 
+def test_a_deeplabcut_table_that_a_spreadsheet_saved_has_a_mark_at_its_start(tmp_path: Path) -> None:
+    """It was no known format."""
+    path = deeplabcut(tmp_path)
+    before = read_pose2d(path, "cam").frame(0, 0)
+    path.write_bytes(b"\xef\xbb\xbf" + path.read_bytes())
+    assert np.array_equal(read_pose2d(path, "cam").frame(0, 0).xy_img, before.xy_img, equal_nan=True)
+
+
 def test_a_name_of_any_length_is_one_short_line(tmp_path: Path) -> None:
     path = deeplabcut(tmp_path)
     path.write_text(path.read_text().replace("nose", "x" * 70_000, 1))

@@ -18,7 +18,7 @@ import cv2
 import numpy as np
 
 from posefuse.calibration.settings import TargetDescription, TargetKind
-from posefuse.core import SE3, CalibrationError, ConfigError, InputError, PosefuseError
+from posefuse.core import SE3, CalibrationError, ConfigError, PosefuseError
 from posefuse.core.arrays import Array
 from posefuse.core.errors import choices
 from posefuse.foundation.output_file import keep_copy, write_text
@@ -304,11 +304,8 @@ def write_target(path: Path, target: Target) -> Path:
         value = getattr(said, field.name)
         if value is not None and value != () and value is not False:
             lines.append(f"{field.name} = {json.dumps(value)}")
-    try:
-        keep_copy(path)
-        write_text(path, "\n".join(lines) + "\n")
-    except OSError as error:
-        raise InputError(f"{path}: cannot be written ({error.strerror})") from None
+    keep_copy(path)
+    write_text(path, "\n".join(lines) + "\n")
     return path
 
 

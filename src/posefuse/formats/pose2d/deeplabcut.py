@@ -96,7 +96,7 @@ def fits(path: Path) -> bool:
     if not path.is_file():
         return False
     if path.suffix == ".csv":
-        with path.open(encoding="utf-8", errors="replace") as file:
+        with path.open(encoding="utf-8-sig", errors="replace") as file:
             return file.readline().partition(",")[0].strip() == "scorer"
     if path.suffix not in H5_SUFFIXES:
         return False
@@ -114,7 +114,7 @@ def read(path: Path, camera: str, skeleton: Skeleton | None = None) -> Pose2DFra
 
 
 def _read_csv(path: Path, camera: str, skeleton: Skeleton | None) -> Pose2DFrames:
-    with path.open(newline="", encoding="utf-8") as file:
+    with path.open(newline="", encoding="utf-8-sig") as file:
         rows = [row for row in csv.reader(file) if row]
     for number, row in enumerate(rows, start=1):
         if len(row) != len(rows[0]):

@@ -31,7 +31,7 @@ def numbers(where: str, value: Any, shape: tuple[int, ...] | None = None) -> Arr
     try:
         array = np.array(value, dtype=np.float64)
     except (TypeError, ValueError, OverflowError):
-        raise CalibrationError(f"{where}: expected numbers, got {_short(value)}") from None
+        raise CalibrationError(f"{where}: expected numbers, got {short(value)}") from None
     if shape is not None and array.shape != shape:
         raise CalibrationError(f"{where}: expected {'x'.join(map(str, shape))} numbers, got shape {array.shape}")
     if not np.isfinite(array).all():
@@ -104,7 +104,7 @@ def camera(
 ) -> Camera:
     """One camera of a file, every number checked; `where` names file and camera in errors."""
     if not isinstance(fisheye, bool | int) or fisheye not in (0, 1):
-        raise CalibrationError(f"{where}: fisheye: expected true or false, got {_short(fisheye)}")
+        raise CalibrationError(f"{where}: fisheye: expected true or false, got {short(fisheye)}")
     try:
         made = Camera(
             name=str(name),
@@ -167,8 +167,3 @@ def _named_once(where: str, message: str) -> str:
     """`where` ends in "camera NAME", with which messages of `core.Camera` begin."""
     camera = "camera " + where.rpartition("camera ")[2]
     return message if message.startswith(where) else f"{where}: {message.removeprefix(f'{camera}: ')}"
-
-
-def _short(value: Any) -> str:
-    text = short(value)
-    return text if len(text) <= 60 else text[:57] + "..."

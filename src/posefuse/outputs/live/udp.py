@@ -9,6 +9,7 @@ import json
 import socket
 import struct
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import suppress
 from types import MappingProxyType
 from typing import Annotated, Any, ClassVar, Literal
 
@@ -17,7 +18,6 @@ from annotated_types import MinLen
 
 from posefuse.core import Closing, ConfigError, JointAngles, LiveMessage, LiveNames, LiveOutput, LivePose, LiveStart, Pose3D
 from posefuse.core.arrays import Array
-from posefuse.core.errors import choices
 from posefuse.core.poses import point_sigma_m
 from posefuse.foundation.settings import settings
 
@@ -30,29 +30,13 @@ AXES = {
 _MAX_PACKET = 1400
 _NTP_FROM_UNIX_S = 2_208_988_800
 _NOW = b"\0\0\0\0\0\0\0\1"
-Argument = int | float | str
 UNNAMED: Mapping[int, str] = MappingProxyType({})
 
 
-def osc_message(address: str, *arguments: Argument) -> bytes:
-    """One OSC message; int as ``i`` (``h`` beyond 32 bits), float as ``f``, str as ``s``.
-
-    Raises:
-        ConfigError: an address that does not start with ``/``, or text that is not ASCII.
-    """
-    if not address.startswith("/"):
-        raise ConfigError(f"OSC address: expected it to start with '/', got {address!r}")
-    tags, data = ",", b""
-    for argument in arguments:
-        if isinstance(argument, str):
-            tags, data = tags + "s", data + _text(argument)
-        elif isinstance(argument, float):
-            tags, data = tags + "f", data + struct.pack(">f", argument)
-        elif -(2**31) <= argument < 2**31:
-            tags, data = tags + "i", data + struct.pack(">i", argument)
-        else:
-            tags, data = tags + "h", data + struct.pack(">q", argument)
-    return _text(address) + _text(tags) + data
+def osc_message(address: str, *arguments: float) -> bytes:
+    """One OSC message; int as ``i``, float as ``f``. Raises ConfigError for an address that is not ASCII."""
+    tags = "".join("f" if isinstance(argument, float) else "i" for argument in arguments)
+    return _text(address) + _text(f",{tags}") + struct.pack(f">{tags}", *arguments)
 
 
 def osc_bundle(messages: Sequence[bytes], t_ns: int) -> bytes:
@@ -68,7 +52,7 @@ def osc_from_pose(pose: Pose3D, joints: JointAngles | None, axes: str) -> list[b
     datagrams = [osc_bundle([osc_message("/posefuse/people", *people)], pose.t_ns)]
     for n, person in enumerate(people):
         messages = [
-            osc_message(f"/posefuse/{person}/{name}", *xyz, sigma) for name, xyz, sigma in _keypoints(pose, n, _turn(axes))
+            osc_message(f"/posefuse/{person}/{name}", *xyz, sigma) for name, xyz, sigma in _keypoints(pose, n, AXES[axes])
         ]
         messages += [osc_message(f"/posefuse/{person}/{name}", value) for name, value in _angles(joints, person)]
         datagrams += [osc_bundle(part, pose.t_ns) for part in _packets(messages)]
@@ -79,7 +63,7 @@ def json_from_pose(pose: Pose3D, joints: JointAngles | None, axes: str, names: M
     """Datagrams of one time step, one per person; `axes` is one of `AXES`, `names` those of the people by id."""
     datagrams = []
     for n, person in enumerate(int(person) for person in pose.person_id):
-        keypoints = list(_keypoints(pose, n, _turn(axes)))
+        keypoints = list(_keypoints(pose, n, AXES[axes]))
         content = {
             "t_ns": pose.t_ns,
             "person": person,
@@ -92,12 +76,6 @@ def json_from_pose(pose: Pose3D, joints: JointAngles | None, axes: str, names: M
         }
         datagrams.append(json.dumps(content, separators=(",", ":")).encode())
     return datagrams
-
-
-def _turn(axes: str) -> Array:
-    if axes not in AXES:
-        raise ConfigError(f"axes: {axes!r} is not known; there are: {choices(AXES)}")
-    return AXES[axes]
 
 
 def _keypoints(pose: Pose3D, n: int, turn: Array) -> Iterator[tuple[str, list[float], float]]:
@@ -140,33 +118,22 @@ def _text(value: str) -> bytes:
 class UdpStream(Closing):
     """Sends datagrams to fixed addresses; never waits, and continues when a listener or the network is away.
 
-    Attributes:
-        sent, lost: datagrams handed to, and not taken by, the network.
-        last_fault: why the newest lost one was not taken.
-
     Raises:
         ConfigError: an address that is not ``host:port``, or a host that is not known.
     """
 
     def __init__(self, addresses: Sequence[str]) -> None:
-        self.sent, self.lost, self.last_fault = 0, 0, ""
         self._targets = [_resolved(address) for address in addresses]
-        self._sockets: dict[int, socket.socket] = {}
-        for family, _ in self._targets:
-            if family not in self._sockets:
-                self._sockets[family] = socket.socket(family, socket.SOCK_DGRAM)
-                self._sockets[family].setblocking(False)
+        self._sockets = {family: socket.socket(family, socket.SOCK_DGRAM) for family in {one for one, _ in self._targets}}
+        for opened in self._sockets.values():
+            opened.setblocking(False)
 
     def send(self, datagrams: Sequence[bytes]) -> None:
         """Send each datagram to every address."""
         for family, target in self._targets:
             for datagram in datagrams:
-                try:
+                with suppress(OSError):
                     self._sockets[family].sendto(datagram, target)
-                    self.sent += 1
-                except OSError as error:
-                    self.lost += 1
-                    self.last_fault = str(error)
 
     def close(self) -> None:
         """Safe to call twice."""

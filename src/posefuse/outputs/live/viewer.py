@@ -29,6 +29,7 @@ from posefuse.outputs.rerun import (
     TIMELINE,
     camera_path,
     check_rerun,
+    check_room,
     check_viewer,
     log_cameras,
     log_detections,
@@ -121,6 +122,8 @@ class RerunLiveOutput:
     def _due(self, what: str, t_ns: int, every_ns: int) -> bool:
         if t_ns - self._shown_ns.get(what, 0) < every_ns:
             return False
+        if self._config.file is not None:
+            check_room(self._config.file)
         self._shown_ns[what] = t_ns
         self._stream.set_time(TIMELINE, duration=(t_ns - self._zero_ns) / 1e9)
         return True

@@ -19,7 +19,6 @@ from xml.etree import ElementTree
 
 import numpy as np
 
-from posefuse.core import InputError
 from posefuse.core.arrays import Array
 from posefuse.foundation.output_file import atomic_file
 
@@ -97,11 +96,8 @@ def write_collada(path: Path, mesh: Mesh, skeleton: ColladaSkeleton | None = Non
         _animations(root, skeleton)
     _scene(root, mesh, skeleton)
     ElementTree.indent(root, "")
-    try:
-        with atomic_file(path) as staged:
-            ElementTree.ElementTree(root).write(staged, encoding="utf-8", xml_declaration=True)
-    except OSError as error:
-        raise InputError(f"{path}: cannot be written ({error})") from None
+    with atomic_file(path) as staged:
+        ElementTree.ElementTree(root).write(staged, encoding="utf-8", xml_declaration=True)
 
 
 def _images_and_effects(root: ElementTree.Element, mesh: Mesh) -> None:

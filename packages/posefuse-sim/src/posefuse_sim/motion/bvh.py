@@ -13,7 +13,7 @@ from posefuse.core import InputError
 from posefuse.core.arrays import Array
 from posefuse.core.errors import choices
 from posefuse.formats.bvh import BvhData
-from posefuse.foundation.parsing import one_line, short
+from posefuse.foundation.parsing import one_line, read_text, short
 
 _CHANNELS = tuple(axis + kind for kind in ("position", "rotation") for axis in "XYZ")
 
@@ -21,11 +21,7 @@ _CHANNELS = tuple(axis + kind for kind in ("position", "rotation") for axis in "
 def read_bvh(path: Path | str) -> BvhData:
     """Read a BVH file; raises InputError naming file, line, what was expected and what is there."""
     path = Path(path)
-    try:
-        text = path.read_text(encoding="utf-8-sig")
-    except (OSError, UnicodeDecodeError) as error:
-        raise InputError(f"{path}: cannot be read as text ({error})") from None
-    tokens = _Tokens(path, text)
+    tokens = _Tokens(path, read_text(path))
     tokens.expect("HIERARCHY")
     joints: list[_Joint] = []
     tokens.expect("ROOT")
