@@ -2,8 +2,12 @@
 
 import numpy as np
 import pytest
+from checks import refusal
 
+from posefuse.core import ConfigError
+from posefuse.foundation.settings import settings_from_mapping
 from posefuse_teleop.limits import Bounds, Motion, brake, follow, norm
+from posefuse_teleop.settings import TeleoperationSettings
 
 DT_S = 0.01
 BOUNDS = Bounds(speed=0.5, acceleration=2.5, jerk=60.0, low=(-0.3, -0.2, -0.1), high=(0.3, 0.2, 0.15))
@@ -114,3 +118,15 @@ def test_braking_beyond_a_wall_is_computed_without_a_warning(velocity):
     with np.errstate(all="raise"):
         braked = brake(motion, bounds, 0.01)
     assert braked.speed < motion.speed
+
+
+@pytest.mark.parametrize(
+    ("part", "key", "in_thousandths"),
+    [("limits", "speed_mps", 250), ("limits", "base_speed_mps", 300), ("robot", "watchdog_s", 60), ("gate", "pose_age_s", 120)],
+)
+def test_a_limit_that_is_meant_in_mm_or_ms_is_refused(part, key, in_thousandths):
+    def made(value):
+        return settings_from_mapping({part: {key: value}}, TeleoperationSettings, where="limits.toml")
+
+    assert getattr(getattr(made(in_thousandths / 1000), part), key) == in_thousandths / 1000
+    refusal(ConfigError, rf"{key}.*less than or equal", made, in_thousandths)

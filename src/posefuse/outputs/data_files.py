@@ -9,7 +9,7 @@ import itertools
 import json
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from pathlib import Path
-from typing import ClassVar
+from typing import ClassVar, Literal
 
 import numpy as np
 
@@ -27,8 +27,13 @@ from .provenance import person_file, provenance, provenance_text, rate_hz
 
 @settings
 class TrcSink(OwnConfig):
-    """TRC files. The format has no place for provenance: it is in ``recording.json`` of the same folder."""
+    """TRC files. The format has no place for provenance: it is in ``recording.json`` of the same folder.
 
+    Attributes:
+        units: ``m`` or ``mm``.
+    """
+
+    units: Literal["m", "mm"] = "m"
     name: ClassVar[str] = "trc"
 
     def write(self, recording: Recording, folder: Path) -> list[Path]:
@@ -39,7 +44,7 @@ class TrcSink(OwnConfig):
             data = TrcData(
                 names=poses.skeleton.keypoints, t_s=poses.t_ns / 1e9, xyz_world=poses.xyz_world[:, n], rate_hz=rate_hz(poses)
             )
-            write_trc(path, data)
+            write_trc(path, data, self.units)
             made.append(path)
         return made
 

@@ -19,6 +19,9 @@ if TYPE_CHECKING:
 
 Positive = Annotated[float, Gt(0)]
 NotNegative = Annotated[float, Ge(0)]
+# bounds that no robot near people needs to exceed: what is above them was meant in mm or ms
+Reaction = Annotated[float, Gt(0), Le(0.5)]
+Speed = Annotated[float, Gt(0), Le(5)]
 Corner = tuple[float, float, float]
 
 # without a heartbeat of the dead-man's switch for so long: HOLD; so many in a row before a press counts
@@ -82,7 +85,7 @@ class LimitSettings:
         collision_m: distance that the robot keeps between its own bodies, and from the floor.
     """
 
-    speed_mps: Positive = 0.5
+    speed_mps: Speed = 0.5
     acceleration_mps2: Positive = 2.5
     turn_rate_radps: Positive = 1.0
     box_low_m: Corner = (-10.0, -10.0, 0.05)
@@ -90,7 +93,7 @@ class LimitSettings:
     joint_margin_rad: NotNegative = 0.1
     joint_speed_radps: Positive | tuple[Positive, ...] = 2.5
     joint_acceleration_radps2: Positive | tuple[Positive, ...] = 10.0
-    base_speed_mps: Positive = 0.3
+    base_speed_mps: Speed = 0.3
     base_acceleration_mps2: Positive = 1.5
     collision_m: NotNegative = 0.02
 
@@ -124,7 +127,7 @@ class GateSettings:
         hand_speed_mps: a hand that moved faster than this has not moved, it is another measurement: rejected, HOLD.
     """
 
-    pose_age_s: Positive = 0.12
+    pose_age_s: Reaction = 0.12
     slow_sigma_m: Positive = 0.03
     hold_sigma_m: Positive = 0.06
     least_views: Annotated[int, Ge(1)] = 2
@@ -144,7 +147,7 @@ class RobotSettings:
     """
 
     rate_hz: Annotated[float, Ge(20), Le(250)] = 100.0
-    watchdog_s: Positive = 0.06
+    watchdog_s: Reaction = 0.06
     position_xy_m: tuple[float, float] = (0.0, 0.0)
     heading_deg: float = 0.0
     shared: bool = True
