@@ -174,7 +174,7 @@ def test_rig_and_clocks_come_from_the_person_alone(lab: Any) -> None:
     np.testing.assert_allclose(clocks.offset_s, late_s, atol=0.004)
     assert (np.abs(clocks.offset_s - late_s) <= 4 * clocks.offset_sigma_s).all()
     assert lab.errors(found.rig, scaled=True)[0].max() < 15
-    assert {"parts agree", "clocks of halves agree"} <= {check.name for check in found.report.checks}
+    assert {"parts agree", "clocks are determined"} <= {check.name for check in found.report.checks}
 
 
 def test_the_world_does_not_matter(lab: Any) -> None:

@@ -48,7 +48,6 @@ from posefuse.pipeline.calibration import (
     background_of_person,
     check_recordings,
     find_person,
-    frame_periods_s,
     person_in_session,
     solve_person,
 )
@@ -301,7 +300,7 @@ def calibrate_person(
         # the intrinsics as they were given: videos of another size are fitted again wherever they are read
         poses = {camera.name: camera.cam_from_world for camera in found.rig}
         placed = replace(found.rig, cameras=tuple(replace(camera, cam_from_world=poses[camera.name]) for camera in cameras))
-        periods_s = () if estimate is None else frame_periods_s(paths, rate_hz)
+        periods_s = () if estimate is None else seen.frame_period_s
         return RigCalibration(rig=rig_of(placed), report=found.report, clocks=estimate, frame_period_s=periods_s)
 
     with shown(progress) as report:

@@ -10,20 +10,19 @@ from posefuse.calibration.clocks.person_tracks import PersonTrack, person_tracks
 from posefuse.calibration.clocks.sync import ClockEstimate
 from posefuse.calibration.person.scale import KnownLength
 from posefuse.calibration.person.solve import PersonCalibration, at_clocks, calibrate_tracks, unplaced_clocks
-from posefuse.calibration.person.views import ChosenPerson, choose_person
+from posefuse.calibration.person.views import choose_person
 from posefuse.calibration.report import CalibrationReport, Check, RefusedCalibration
 from posefuse.core import Camera, InputError, Progress, Rig, silent
 from posefuse.core.errors import choices
 from posefuse.detection.build import DetectorChoice, build_detector, fetch_networks
 from posefuse.formats.pose2d import read_pose2d_of_cameras
 from posefuse.health.background import background_of
-from posefuse.sources import VIDEO_SUFFIXES, RecordedSource, VideoConfig
+from posefuse.sources import VIDEO_SUFFIXES, VideoConfig
 
 from .config import TrackConfig
 from .opening import build_source, pose2d_rate_hz, read_session_poses, stated_rig
-from .person_poses import PersonSeen, person_in_videos, poses_apart, timeline_of
+from .person_poses import PersonSeen, frame_period_s, person_in_videos, poses_apart, timeline_of
 from .session import LEAST_CAMERAS, Session, find_session, fitted_camera
-from .time_steps import frame_period_ns
 
 
 def check_recordings(paths: Mapping[str, Path]) -> None:
@@ -67,10 +66,14 @@ def find_person(
         return person_in_videos(paths, Rig(cameras), length, detector, progress, clocks=clocks, most_s=most_s)
     if videos:
         raise InputError(f"person: expected videos or 2D poses for all cameras, got both: {choices(map(str, paths.values()))}")
-    chosen = _person_in_files(paths, cameras, rate_hz)
+    if rate_hz is None:
+        raise InputError("person: 2D poses do not state their frame rate: add `rate_hz=HZ`")
+    poses = read_pose2d_of_cameras(paths)
+    chosen = choose_person({one.camera: list(one.frames(rate_hz)) for one in poses}, cameras)
     first = unplaced_clocks(chosen.tracks, cameras, length, clocks, most_s)
     tracks = chosen.tracks if first is None else at_clocks(chosen.tracks, first)
-    return PersonSeen(tracks=tracks, cameras=cameras, clocks=first, several_in=chosen.several_in)
+    periods_s = (1 / rate_hz,) * len(tracks)
+    return PersonSeen(tracks=tracks, cameras=cameras, clocks=first, frame_period_s=periods_s, several_in=chosen.several_in)
 
 
 def solve_person(
@@ -97,27 +100,6 @@ def solve_person(
         " and the height has to be theirs"
     )
     return replace(found, report=replace(found.report, notes=(*found.report.notes, note))), clocks
-
-
-def frame_periods_s(paths: Mapping[str, Path], rate_hz: float | None) -> tuple[float, ...]:
-    """Seconds between two frames of each camera; NaN where that is not known."""
-    return tuple(
-        _period_s(VideoConfig(path, name).build())
-        if path.suffix.lower() in VIDEO_SUFFIXES
-        else (1 / rate_hz if rate_hz else float("nan"))
-        for name, path in paths.items()
-    )
-
-
-def _period_s(source: RecordedSource) -> float:
-    return (frame_period_ns(source.times_ns()) or float("nan")) / 1e9
-
-
-def _person_in_files(paths: Mapping[str, Path], cameras: tuple[Camera, ...], rate_hz: float | None) -> ChosenPerson:
-    if rate_hz is None:
-        raise InputError("person: 2D poses do not state their frame rate: add `rate_hz=HZ`")
-    poses = read_pose2d_of_cameras(paths)
-    return choose_person({one.camera: list(one.frames(rate_hz)) for one in poses}, cameras)
 
 
 # Where the person is in the recordings of a session, at the times the cameras themselves state.
@@ -163,7 +145,7 @@ def _from_images(session: Session, config: TrackConfig, seconds: float, progress
     detector = build_detector(config.detector, rig)
     tracks = person_tracks(poses_apart(sources, detector, timeline, progress))
     background = background_of(sources, rig.cameras, timeline.span_ns).report
-    return SessionSeen(rig=rig, tracks=tracks, frame_period_s=tuple(map(_period_s, sources)), background=background)
+    return SessionSeen(rig=rig, tracks=tracks, frame_period_s=tuple(map(frame_period_s, sources)), background=background)
 
 
 def _from_files(session: Session, config: TrackConfig, seconds: float) -> SessionSeen:

@@ -28,8 +28,8 @@ _MOMENTS = 80
 _ROUNDS = 4
 # offsets that are fewer steps apart are one
 _SAME = 4
-# of how many clear offsets the search begins, of one pair and in all
-_STARTS_EACH, _STARTS = 3, 24
+# of how many pairs the search begins: with one, 2 of 36 short walks with much noise have a wrong offset, and with all none
+_STARTS = 24
 Cost = Callable[[Array, Array], float]
 
 
@@ -118,10 +118,10 @@ def agreed_clocks(grids: Sequence[EvenTrack], cost: Callable[[int, int], Cost], 
     """
     count, most = len(grids), round(most_s / STEP_S)
     pairs = [_pair(grids, a, b, cost(a, b), most) for a in range(count) for b in range(a + 1, count)]
-    starts = sorted(((value, pair, late) for pair in pairs for value, late in _peaks(pair.worth, most)), key=lambda one: -one[0])
+    starts = sorted((pair for pair in pairs if pair.worth.max() > 0), key=lambda pair: -pair.worth.max())
     best, most_worth = np.full(count, np.nan), 0.0
-    for _, pair, late in starts[:_STARTS]:
-        steps = _placed(pair, late, pairs, count, most)
+    for pair in starts[:_STARTS]:
+        steps = _placed(pair, pairs, count, most)
         worth = float(sum(_worth_at(one, steps[one.b] - steps[one.a], most) for one in pairs))
         if worth > most_worth:
             best, most_worth = steps, worth
@@ -151,22 +151,10 @@ def _pair(grids: Sequence[EvenTrack], a: int, b: int, cost: Cost, most: int) -> 
         return _Pair(a, b, np.nan_to_num(share * np.log(usual / np.maximum(left, 1e-9))))
 
 
-def _peaks(worth: Array, most: int) -> list[tuple[float, int]]:
-    """The clearest offsets, no two of them the same, with their worth."""
-    found, rest = [], worth.copy()
-    for _ in range(_STARTS_EACH):
-        best = int(np.argmax(rest))
-        if rest[best] <= 0:
-            break
-        found.append((float(rest[best]), best - most))
-        rest[max(0, best - _SAME) : best + _SAME + 1] = -np.inf
-    return found
-
-
-def _placed(first: _Pair, late: int, pairs: Sequence[_Pair], count: int, most: int) -> Array:
-    """(C,) steps of all cameras when one pair's are taken for granted: the clearest camera next; NaN where none is clear."""
+def _placed(first: _Pair, pairs: Sequence[_Pair], count: int, most: int) -> Array:
+    """(C,) steps of all cameras when one pair's best are taken for granted: the clearest camera next; NaN where none is clear."""
     steps = np.full(count, np.nan)
-    steps[first.a], steps[first.b] = 0.0, late
+    steps[first.a], steps[first.b] = 0.0, int(np.argmax(first.worth)) - most
     while True:
         open_ = [_best_of(int(c), steps, pairs, most) for c in np.flatnonzero(np.isnan(steps))]
         if not open_ or max(open_)[0] <= 0:

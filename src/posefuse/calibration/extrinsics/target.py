@@ -18,7 +18,7 @@ from . import self_checks as checks
 from .bootstrap import rough_offsets
 from .causes import cause_check, likely_target_causes
 from .freedoms import IN_STEP
-from .pipeline import Options, RigTask, Solved, key_snapshots, link, solve_linked, starting_clocks
+from .pipeline import Options, RigTask, Solved, solve, starting_clocks
 from .self_checks import check_same_video_by_corners, check_target_size, solution_checks
 from .snapshots import middle_ns
 from .world import UP_FROM_CAMERAS, WorldRule, aligned
@@ -122,14 +122,16 @@ def _attempt(task: RigTask, rule: WorldRule, upside_down: tuple[str, ...], clock
         checks.check_doubled(task.observations),
         check_same_video_by_corners(task.observations), check_target_size(task.target),
     ]  # fmt: skip
+    if any(not check.passed for check in done):
+        return _Attempt(task, tuple(done), None)
     solved: Solved | None = None
     try:
-        _stop_if_failed(done)
-        solved = _solve(task, done)
-        done += solution_checks(task, solved, done)
+        solved = solve(task, starting_clocks(task))
+        done += solved.checks
+        done += solution_checks(task, solved)
         done += world_checks(_in_world(solved, rule)[0], rule.has_floor, upside_down)
     except RefusedCalibration as refused:
-        return _Attempt(task, refused.report.checks, solved)
+        return _Attempt(task, (*done, *refused.report.checks), solved)
     return _Attempt(task, tuple(done), solved)
 
 
@@ -181,28 +183,6 @@ def _check_input(observations: CornerObservations, intrinsics: Rig, target: Targ
         raise CalibrationError(
             f"extrinsics: no observations of camera {', '.join(without)}; there are: {', '.join(observations.cameras)}"
         )
-
-
-def _stop_if_failed(done: list[Check]) -> None:
-    CalibrationReport("extrinsics", tuple(done)).require()
-
-
-def _solve(task: RigTask, done: list[Check]) -> Solved:
-    delay_s = starting_clocks(task)
-    seen = key_snapshots(task, delay_s)
-    if len(seen.camera) == 0:
-        alone = Check("cameras are linked", False, "no two cameras ever see the target at the same time",
-                      "hold it where two cameras see it; are the recordings on one clock?")  # fmt: skip
-        raise RefusedCalibration(CalibrationReport("extrinsics", (*done, alone)))
-    links = link(task, seen)
-    present = np.zeros((len(seen.t_s), len(task.cameras)), np.int64)
-    present[seen.time_step, seen.camera] = 1
-    done.append(checks.check_links(task.observations.cameras, links, present.T @ present))
-    _stop_if_failed(done)
-    solved = solve_linked(task, links, delay_s)
-    done.append(checks.check_amount(solved))
-    _stop_if_failed(done)
-    return solved
 
 
 def _rig(solved: Solved) -> Rig:
