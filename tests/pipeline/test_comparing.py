@@ -168,3 +168,4 @@ def test_of_several_people_the_same_one_is_compared_whatever_their_order(tmp_pat
     CsvSink().build().write(a, tmp_path)
     found = posefuse.compare(a, tmp_path / "pose.csv")
     assert found.errors.mpjpe_mm < 0.01
+    refusal(ConfigError, "`person=7`: neither recording has people by id", posefuse.compare, "a.trc", "b.C3D", person=7)

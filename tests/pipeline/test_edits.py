@@ -199,6 +199,15 @@ def test_exclusions_that_leave_no_one_are_named(recording: Recording, person: in
     refusal(InputError, words, solve_again, recording, edits=Edits(exclusions=exclusions, person=person))
 
 
+def test_an_exclusion_in_which_there_is_no_frame_is_refused(recording, tmp_path, capsys) -> None:
+    result = saved(recording, tmp_path / "result")
+    shown = error(capsys, "solve", result, "--exclude", "50-60", "--out", tmp_path / "out")
+    assert "no frame of any camera from 50 to 60 s; the recording is from 0.00 to 1.47 s" in shown
+    # one that was kept for the whole of it may lie outside the part that is solved
+    write_edits(result, Edits(exclusions=(BLOCKED,)))
+    assert main(["solve", str(result), "--end", "0.4", "--outputs", "csv", "--out", str(tmp_path / "part")]) == 0
+
+
 def test_another_file_of_this_name_is_never_written_over(recording: Recording, tmp_path: Path) -> None:
     result = saved(recording, tmp_path / "result")
     edits_path(result).write_text(json.dumps({"mine": 1}))

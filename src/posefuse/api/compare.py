@@ -11,7 +11,7 @@ from posefuse import core
 from posefuse.core import ConfigError
 from posefuse.evaluation.compare import Comparison, Tracks
 from posefuse.evaluation.compare import compare as compared
-from posefuse.evaluation.tracks import is_simulated, read_tracks, tracks_of, truth_tracks
+from posefuse.evaluation.tracks import ONE_PERSON, is_simulated, read_tracks, tracks_of, truth_tracks
 from posefuse.formats.rig import refusal_note
 from posefuse.pipeline.reading import is_live, live_reader, read_result
 
@@ -51,7 +51,7 @@ def compare(
 
     Raises:
         InputError: a file that cannot be read, no common points, or no common time. ConfigError: `scale` or `align_first_s`
-            without `align_space`.
+            without `align_space`, or `person` of two files that know no ids.
 
     Examples:
         >>> import posefuse as pf
@@ -61,6 +61,9 @@ def compare(
     asked = scale or align_first_s is not None
     if asked and not align_space:
         raise ConfigError("`scale=True` and `align_first_s=S` align in space: leave out `align_space=False`")
+    paths = [Path(one) for one in (a, b) if not isinstance(one, core.Recording)]
+    if person is not None and len([path for path in paths if path.suffix.lower() in ONE_PERSON]) == 2:
+        raise ConfigError(f"`person={person}`: neither recording has people by id")
     scene = None if isinstance(a, core.Recording) or not is_simulated(Path(a)) else Path(a)
     if scene is not None:
         tracks_b, rig_b = _read(b, "b", person, simulated=True)
@@ -81,7 +84,7 @@ def compare(
         notes.append(f"{tracks_a.name} is the truth of a simulation: {own} its own")
     elif align_space and not apart:
         notes.append("both have the coordinates of one calibration: they are not aligned in space")
-    return replace(found, inputs=tuple(Path(one) for one in (a, b) if not isinstance(one, core.Recording)), notes=tuple(notes))
+    return replace(found, inputs=tuple(paths), notes=tuple(notes))
 
 
 def _share_a_world(one: core.Rig | None, two: core.Rig | None) -> bool:

@@ -19,6 +19,8 @@ from posefuse.formats.truth import read_loop, read_truth
 from .compare import Tracks
 
 KINDS = "a posefuse result folder, .mcap of posefuse live, .trc, .c3d, .csv or .mvnx"
+# files of one person, without an id
+ONE_PERSON = (".trc", ".c3d", ".mvnx")
 _SYNONYMS = {"hip": "mid_hip", "hips": "mid_hip", "left_foot_index": "left_big_toe", "right_foot_index": "right_big_toe"}
 # nothing that is compared is farther from its origin or lasts longer; damaged numbers are
 _FARTHEST_M = 10_000.0

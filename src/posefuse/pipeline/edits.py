@@ -81,6 +81,17 @@ def used_frames(observations: Observations, exclusions: Sequence[Exclusion]) -> 
     return used
 
 
+def check_used(exclusions: Sequence[Exclusion], recording: Recording) -> None:
+    """Raise InputError as `check_edits`, and for a stretch in which the recording has no frame."""
+    check_edits(Edits(exclusions=tuple(exclusions)), recording)
+    t_ns = recording.observations.frame_t_ns
+    for one in exclusions:
+        if used_frames(recording.observations, (one,)).all():
+            where = f"from {t_ns.min() / 1e9:.2f} to {t_ns.max() / 1e9:.2f} s" if len(t_ns) else "empty"
+            of = f"no frame of {one.camera or 'any camera'} from {one.start_s:g} to {one.end_s:g} s"
+            raise InputError(f"exclusion: {of}; the recording is {where}")
+
+
 def left_out(exclusions: Sequence[Exclusion]) -> str:
     """The end of a line about what cannot be solved: what they leave out; empty for none."""
     listed = (f"{one.camera or 'all cameras'} from {one.start_s:g} to {one.end_s:g} s" for one in exclusions)

@@ -197,8 +197,8 @@ def check_links(names: Sequence[str], links: Links) -> Check:
     detail = f"{', '.join(lost)} cannot be linked to {', '.join(names[i] for i in sorted(links.placed))}: {story}"
     return Check(
         "cameras are linked", False, detail,
-        f"hold the prop where {lost[0]} and another camera both see it for a few seconds; if they do, the cameras are out of"
-        " step (try clocks = offset) or an intrinsic calibration is wrong",
+        f"hold the prop where {lost[0]} and another camera both see it for a few seconds; if they do, the cameras are"
+        " unsynchronised (try clocks = offset), or an intrinsic calibration is wrong",
     )  # fmt: skip
 
 
