@@ -437,9 +437,11 @@ def graph_options(cameras: Sequence[str], shared: Mapping[tuple[str, str], int])
         return {"source": pair[0], "target": pair[1], "value": count, "lineStyle": {**style, "width": width}}
 
     label = {"show": True, "color": "#78909c", "fontSize": 14, "fontWeight": 600}
+    # on a ground of its own: it lies on its line
+    count = {**label, "color": "#ffffff", "backgroundColor": "#455a64", "padding": [5, 7, 3, 7], "borderRadius": 9, "rotate": 0}
     drawn = {
-        "type": "graph", "layout": "none", "top": 40, "bottom": 40, "symbolSize": 30, "label": label,
-        "edgeLabel": {**label, "formatter": "{c}"},
+        "type": "graph", "layout": "none", "top": 52, "bottom": 48, "symbolSize": 30, "label": label,
+        "edgeLabel": {**count, "formatter": "{c}"},
         "data": [camera(c, name) for c, name in enumerate(cameras)], "links": [line(*one) for one in shared.items()],
     }  # fmt: skip
     return {"series": [drawn], "animation": False}
