@@ -15,7 +15,7 @@ from checks import refusal
 
 import posefuse as pf
 from posefuse.core import ModelError
-from posefuse.detection import default_cards
+from posefuse.detection import default_cards, files
 from posefuse.detection.card import OnnxCard, list_cards, read_card
 from posefuse.detection.files import fetch, fetch_all, holds, model_path, status
 from posefuse.foundation.platform import default_cache_dir
@@ -103,6 +103,19 @@ def test_a_wrong_file_is_refused_and_nothing_is_left_behind(tmp_path, card):
     wrong.write_bytes(b"another network")
     refusal(ModelError, f"expected sha256 {card.sha256}, got ", fetch, card, tmp_path / "cache", wrong)
     assert not model_path(card, tmp_path / "cache").exists()
+
+
+def test_first_runs_at_the_same_time_leave_one_file(tmp_path, card, monkeypatch):
+    cache = tmp_path / "cache"
+
+    def read_while_another_run_finishes(origin, of):
+        model_path(of, cache).parent.mkdir(parents=True)
+        model_path(of, cache).write_bytes(CONTENT)
+        return CONTENT
+
+    monkeypatch.setattr(files, "_read_from", read_while_another_run_finishes)
+    assert fetch(card, cache, tmp_path).read_bytes() == CONTENT
+    assert [path.name for path in (cache / "models").iterdir()] == [card.file_name]
 
 
 def test_a_damaged_cache_is_noticed_and_mended(tmp_path, card, wheel):

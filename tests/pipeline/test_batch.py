@@ -171,6 +171,28 @@ def test_complete_trials_are_kept_and_others_tried_again(folder: Path, here: lis
     assert {path: path.stat().st_mtime_ns for path in (tmp_path / "out" / "P01").rglob("*")} == before
 
 
+@pytest.mark.parametrize("refused", [False, True])
+def test_two_runs_of_one_study_at_once_make_each_trial_once(folder, tmp_path, monkeypatch, refused: bool) -> None:
+    """The other run completes all trials after this one has begun, or after this one was refused a trial that was being made."""
+    out = tmp_path / "out"
+
+    def here(tasks: Sequence[Task], *_: object) -> Iterator[Outcome]:
+        yield from map(run_task, tasks)
+
+    def meanwhile(tasks: Sequence[Task], *_: object) -> Iterator[Outcome]:
+        monkeypatch.setattr(study_module, "_run", here)
+        if refused:
+            yield from [task.outcome(seconds=0.0, reason="another run is making these results now") for task in tasks]
+        run(folder, out)
+        if not refused:
+            yield from map(run_task, tasks)
+
+    monkeypatch.setattr(study_module, "_run", meanwhile)
+    assert set(run(folder, out).failed) == {"P02/broken"}
+    assert [row["status"] for row in csv.DictReader((out / "study.csv").open())].count("complete") == 3
+    assert not list(out.glob("*/*.replaced-*"))
+
+
 def test_table_and_page_are_made_again_and_stay_where_they_were_changed(folder: Path, here: list[str], tmp_path: Path) -> None:
     """Every run that tried a failed trial again left the earlier table and page, made by posefuse, as NAME.replaced-TIME."""
     out = tmp_path / "out"

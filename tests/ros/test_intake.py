@@ -1,7 +1,8 @@
 """Strangers on the network: their messages are refused, counted and reported once, and the session does not notice them."""
 
+from collections.abc import Mapping
 from dataclasses import replace
-from types import SimpleNamespace
+from types import MappingProxyType, SimpleNamespace
 
 import numpy as np
 import pytest
@@ -166,9 +167,14 @@ def session(rig: Rig, outlets: NoOutputs | None = None) -> tuple[Fusion, SimpleN
 
 
 class Played:
-    """A session of some seconds, and between its messages those that `others(i)` gives: what came out, and what was counted."""
+    """A session of some seconds, and between its messages those that `others(i)` gives: what came out, and what was counted.
 
-    def __init__(self, rig: Rig, time_steps: int, others=lambda i: ()) -> None:
+    `ahead_ns`: how far the clocks of the machines of some cameras are ahead.
+    """
+
+    def __init__(
+        self, rig: Rig, time_steps: int, others=lambda i: (), ahead_ns: Mapping[str, int] = MappingProxyType({})
+    ) -> None:
         self.views, kept = ViewIntake(rig.names), KeptOutputs()
         self.fusion, clock = session(rig, kept)
         for i, step in enumerate(made_up_detections(rig, BLAZE, time_steps, start_ns=T0)):
@@ -176,8 +182,12 @@ class Played:
                 clock.now = view.t_ns + 20_000_000
                 for strange in others(i):
                     self._feed(strange, clock.now)
-                stages = {"received": view.t_ns + 5_000_000, "started": clock.now, "detected": clock.now}
-                self._feed(Sample(encode(message_from_detections(view, stages)), 0, "node"), clock.now)
+                ahead = ahead_ns.get(view.camera, 0)
+                theirs, done = replace(view, t_ns=view.t_ns + ahead), clock.now + ahead
+                stages = {"received": theirs.t_ns + 5_000_000, "started": done, "detected": done}
+                self._feed(
+                    Sample(encode(message_from_detections(theirs, stages)), 0, "other node" if ahead else "node"), clock.now
+                )
             self.fusion.tick(clock.now + 1, 10_000_000)
             self.fusion._judge(SimpleNamespace(messages=lambda: (), troubles=dict), clock.now, clock.now)
         self.poses = kept.poses()
@@ -244,6 +254,17 @@ def test_ten_thousand_strange_messages_change_nothing(undisturbed: Played, ring_
         np.testing.assert_array_equal(ours.person_id, theirs.person_id)
         np.testing.assert_array_equal(ours.xyz_world, theirs.xyz_world)
     assert {verdict.state for verdict in disturbed.fusion.verdicts.values()} == {"ok"}
+
+
+@pytest.mark.parametrize("ahead_s", [3, -3, 7200])
+def test_a_machine_whose_clock_is_far_off_is_timed_by_arrival_and_named_once(undisturbed: Played, ring_rig, ahead_s) -> None:
+    rig = ring_rig(4)
+    off = Played(rig, 45, ahead_ns=dict.fromkeys(rig.names[2:], ahead_s * S))
+    assert len(off.poses) == len(undisturbed.poses)
+    for pose, expected in zip(off.poses, undisturbed.poses, strict=True):
+        np.testing.assert_array_equal(pose.xyz_world, expected.xyz_world)
+    (line,) = off.views.senders.news
+    assert any(name in line for name in rig.names[2:]) and f"{ahead_s:+.1f} s" in line and "NTP" in line
 
 
 def test_a_node_that_goes_mad_costs_its_own_cameras_not_the_session(undisturbed: Played, ring_rig) -> None:

@@ -183,8 +183,9 @@ CAMERA = Camera(name="cam", size_wh=(640, 480), K=K, cam_from_world=POSE)
     [(0, "pinhole", "plumb_bob"), (4, "pinhole", "plumb_bob"), (5, "pinhole", "plumb_bob"), (8, "pinhole", "rational_polynomial"),
      (14, "pinhole", "rational_polynomial"), (4, "fisheye", "equidistant")],
 )  # fmt: skip
-def test_a_camera_comes_back_and_projects_alike(count, model, said):
-    sent = replace(CAMERA, distortion=np.linspace(0.01, 0.02, count), model=model)
+@pytest.mark.parametrize("largest", [0.02, 0.0])
+def test_a_camera_comes_back_and_projects_alike(count, model, said, largest):
+    sent = replace(CAMERA, distortion=np.linspace(largest / 2, largest, count), model=model)
     msg = over_the_wire(cm.info_from_camera(sent, 5))
     assert msg.distortion_model == said
     back = cm.camera_from_info("cam", msg, POSE)
@@ -207,6 +208,17 @@ def test_a_camera_comes_back_and_projects_alike(count, model, said):
 def test_an_info_that_cannot_be_a_camera_is_refused(change):
     good = cm.info_from_camera(CAMERA, 5)
     refusal(MessageError, "CameraInfo of cam", cm.camera_from_info, "cam", replace(good, **change), POSE)
+
+
+def test_a_region_of_interest_may_be_all_of_the_image_or_is_refused():
+    # sensor_msgs/CameraInfo: all zero is the same as full resolution
+    info, whole = cm.info_from_camera(CAMERA, 5), {"width": 640, "height": 480}
+    for fields, fits in [({}, True), (whole, True), ({**whole, "x_offset": 8}, False), ({**whole, "height": 240}, False)]:
+        msg = replace(info, roi=replace(info.roi, **fields))
+        if fits:
+            assert cm.camera_from_info("cam", msg, POSE).size_wh == (640, 480)
+        else:
+            refusal(MessageError, "full image", cm.camera_from_info, "cam", msg, POSE)
 
 
 RGB = np.random.default_rng(1).integers(0, 256, (6, 10, 3), np.uint8)

@@ -146,7 +146,9 @@ def test_a_second_participant_does_not_get_a_camera_while_the_first_pauses(ring_
         send(second, lambda: senders.sender("cam00") not in ("", None, name))
 
 
-def test_cameras_of_another_machine_look_for_people_who_are_not_sure_enough_to_be_shown(ring_rig) -> None:
+@pytest.mark.parametrize("ahead_s", [0, 3, -3])
+def test_cameras_of_another_machine_look_for_people_who_are_not_sure_enough_to_be_shown(ring_rig, ahead_s) -> None:
+    """Also where the clock of that machine is far off."""
     rig, clock, expected = ring_rig(3), SessionClock.begin(), []
     where = {"domain_id": DOMAIN + 2, "local_only": True}
     output = Ros2Config(**where).build()
@@ -155,9 +157,11 @@ def test_cameras_of_another_machine_look_for_people_who_are_not_sure_enough_to_b
     outlets, unsure = KeptOutputs(output), StillPerson(np.ones((len(COCO17), 3)), COCO17, sigma_m=0.5)
     fusion = Fusion(rig, Estimator(unsure, Centring(rig.names, False)), lambda _: None, clock, outlets)
     with RosNode("camera", Network(**where)) as node:
-        cameras = CameraNode(rig, rig.names, node, clock, COCO17)
+        theirs = SimpleNamespace(now_ns=lambda: clock.now_ns() + ahead_s * 1_000_000_000)
+        cameras = CameraNode(rig, rig.names, node, theirs, COCO17)
         until(lambda: expected, lambda: (fusion.tick(clock.now_ns(), 10_000_000), cameras.step(groups)))
     output.close()
+    assert abs(expected[-1].t_ns - theirs.now_ns()) < 1_500_000_000
     assert all(len(pose.person_id) == 0 for pose in outlets.poses())
     assert np.allclose(expected[-1].xyz_world, 1.0)
 

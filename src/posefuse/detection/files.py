@@ -18,7 +18,7 @@ from pathlib import Path
 from typing import Literal
 
 from posefuse.core import ConfigError, ModelError, Progress, silent
-from posefuse.foundation.output_file import atomic_file, keep_copy
+from posefuse.foundation.output_file import atomic_file, earlier_kept
 from posefuse.foundation.settings import read_mapping
 
 from .card import NetworkCard
@@ -231,10 +231,10 @@ def _keep(card: NetworkCard, content: bytes, cache_dir: Path, origin: str, trust
     target = _folder(cache_dir / "models") / card.file_name
     try:
         # of another content: a download that was damaged, or a network of the user's own
-        keep_copy(target)
-        with tempfile.NamedTemporaryFile(dir=target.parent, prefix=f".{card.file_name}.", delete=False) as new:
-            new.write(content)
-        Path(new.name).replace(target)
+        with earlier_kept(target):
+            with tempfile.NamedTemporaryFile(dir=target.parent, prefix=f".{card.file_name}.", delete=False) as new:
+                new.write(content)
+            Path(new.name).replace(target)
     except OSError as error:
         raise ModelError(f"{target}: cannot be written ({error}); set POSEFUSE_CACHE to a folder that can") from None
     if not known:

@@ -300,12 +300,15 @@ def read_rig(path: Path, warn: Warn | None = None) -> Rig:
     """
     infos: dict[str, Any] = {}
     poses: dict[str, SE3] = {}
-    for _, msg, _ in read_mcap(path, None, warn):
+    suffix = optical_frame("")
+    for topic, msg, _ in read_mcap(path, None, warn):
         if msg.__msgtype__ == CAMERA_INFO_TYPE:
-            infos[msg.header.frame_id] = msg
+            frame = msg.header.frame_id
+            # those of previews are of a smaller image
+            if topic == topics.camera_info(frame.removesuffix(suffix)).name:
+                infos[frame] = msg
         elif msg.__msgtype__ == topics.TF_STATIC.type_name:
             poses |= {tf.child_frame_id: _pose(tf.transform) for tf in msg.transforms}
-    suffix = optical_frame("")
     lost = sorted(infos.keys() - poses.keys())
     if not infos or lost:
         missing = f"no pose in /tf_static for {choices(lost)}" if lost else "no camera_info"

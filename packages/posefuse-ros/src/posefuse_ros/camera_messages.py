@@ -78,17 +78,20 @@ def camera_from_info(name: str, msg: Any, cam_from_world: SE3) -> Camera:
     where = f"CameraInfo of {name}"
     if msg.distortion_model not in models:
         raise MessageError(f"{where}: distortion_model {msg.distortion_model!r}; known are: {choices(sorted(models)[1:])}")
-    if msg.binning_x > 1 or msg.binning_y > 1 or msg.roi.width or msg.roi.height:
+    roi = msg.roi
+    whole = (roi.x_offset, roi.y_offset, roi.width, roi.height) in ((0, 0, 0, 0), (0, 0, msg.width, msg.height))
+    if msg.binning_x > 1 or msg.binning_y > 1 or not whole:
         raise MessageError(f"{where}: expected the full image, got binning or a region of interest; publish the full image")
+    model = models[msg.distortion_model]
     try:
         return Camera(
             name=name,
             size_wh=(msg.width, msg.height),
             K=np.asarray(msg.k).reshape(3, 3),
             cam_from_world=cam_from_world,
-            # ROS has no word for "no distortion" but zeros
-            distortion=np.asarray(msg.d) if np.any(msg.d) else np.zeros(0),
-            model=models[msg.distortion_model],
+            # ROS has no word for "no distortion" but zeros; those of a fisheye lens bend as any others
+            distortion=np.asarray(msg.d) if np.any(msg.d) or model == "fisheye" else np.zeros(0),
+            model=model,
         )
     except PosefuseError as error:
         raise MessageError(f"{where}: {error}") from None

@@ -7,14 +7,14 @@ from __future__ import annotations
 
 import threading
 import time
-from collections import Counter
+from collections import Counter, deque
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 from posefuse.core import Closing, Detections2D, LiveJointCentres, Rig, Skeleton, SourceError
 from posefuse.core.skeleton import BLAZEPOSE33
 from posefuse.foundation.channel import Channel, ChannelClosed
-from posefuse.health.camera_monitor import CameraState
+from posefuse.health.camera_monitor import JUMP_NS, CameraState
 from posefuse.realtime.config import LiveConfig
 from posefuse.realtime.estimator import warmed_up
 from posefuse.realtime.messages import SeenView, SessionClock, ViewSource
@@ -163,6 +163,9 @@ class Senders:
 
 _WAIT_S = 0.2
 _AT_ONCE = 64
+# clocks of two machines that are further apart are not synchronised
+CLOCKS_APART_NS = JUMP_NS // 2
+_KEPT_DELAYS = 256
 # of one message
 _MAX_BYTES = 240_000
 _MOST_NODES = 100
@@ -184,6 +187,10 @@ class ViewIntake:
         self._centres_intake = Intake(JOINT_CENTRES_TYPE, joint_centres_from_message, _MAX_BYTES, self.intake.counts)
         # joint centres reported by the nodes, by sender
         self._centres: dict[str, LiveJointCentres] = {}
+        # how long after they were sent, by the two machines' clocks, the newest views of each sender came
+        self._delays_ns: dict[str, deque[int]] = {}
+        # senders whose clock was reported
+        self._reported: set[str] = set()
 
     def centres(self, sample: Sample) -> list[SeenView | LiveJointCentres]:
         """Joint centres reported by a node: used for cameras whose views it sends, kept for others."""
@@ -208,10 +215,39 @@ class ViewIntake:
         before = self.senders.sender(camera)
         if not self.senders.admits(seen.detections, sample.sender, now_ns):
             return []
+        if "detected" in stages:
+            seen = self._by_our_clock(seen, sample.sender, now_ns)
         centres = self._centres.get(sample.sender)
         if before != sample.sender and centres is not None and camera in centres.cameras:
             return [replace(centres, cameras=(camera,)), seen]
         return [seen]
+
+    def _by_our_clock(self, seen: SeenView, sender: str, now_ns: int) -> SeenView:
+        """The view with times of this machine's clock where the sender's is far off.
+
+        The shortest delay of its newest views is that of the clocks; what is left of it is found from the moving person.
+        """
+        if len(self._delays_ns) > _MOST_NODES:
+            self._delays_ns.clear()
+            self._reported.clear()
+        delays_ns = self._delays_ns.setdefault(sender, deque(maxlen=_KEPT_DELAYS))
+        delays_ns.append(now_ns - seen.detected_ns)
+        behind_ns = min(delays_ns)
+        if abs(behind_ns) < CLOCKS_APART_NS:
+            return seen
+        if sender not in self._reported:
+            self._reported.add(sender)
+            self.senders.news.append(
+                f"camera {seen.detections.camera}: the clock of its machine is {-behind_ns / _S:+.1f} s off this one's; "
+                "its views are timed by their arrival: synchronise the clocks (NTP, PTP)"
+            )
+        return replace(
+            seen,
+            detections=replace(seen.detections, t_ns=seen.detections.t_ns + behind_ns),
+            received_ns=seen.received_ns + behind_ns,
+            started_ns=seen.started_ns + behind_ns,
+            detected_ns=seen.detected_ns + behind_ns,
+        )
 
 
 class NetworkViews(Closing, ViewSource):

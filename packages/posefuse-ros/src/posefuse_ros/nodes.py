@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -33,7 +34,7 @@ from .dds import RosNode
 from .dds_domain import network_of
 from .live_output import Ros2Config, publish
 from .messages import POSE_TYPE, message_from_detections, pose_from_message
-from .network_views import NetworkViews
+from .network_views import CLOCKS_APART_NS, NetworkViews
 from .ros_output import RosOutput
 from .types import Intake
 
@@ -96,6 +97,9 @@ class CameraNode:
                 continue
             self._fusion, self._taken_ns = sample.sender, now_ns
             pose = taken[0]
+            if abs(pose.t_ns - now_ns) > CLOCKS_APART_NS:
+                # by the clock of another machine, which is not synchronised
+                pose = replace(pose, t_ns=now_ns)
             groups.expect(Expected(pose.t_ns, pose.xyz_world, velocity_between(self._looked_for, pose)))
             if self._looked_for is None or pose.t_ns - self._looked_for.t_ns > 25_000_000:
                 self._looked_for = pose
@@ -214,5 +218,5 @@ def fusion_node(
         "clock_offset_ms": offsets_ms,
     }
     run = finished_run(done, report=None if report is None else Path(report), more=more)
-    clocks = Facts({camera: f"{ms:+z.1f}" for camera, ms in offsets_ms.items()})
+    clocks = Facts({camera: "not known" if math.isnan(ms) else f"{ms:+z.1f}" for camera, ms in offsets_ms.items()})
     return replace(run, blocks=(*run.blocks, Heading("Clocks, ms after the mean"), clocks))

@@ -21,7 +21,7 @@ from posefuse.pipeline.writing import build_sinks
 
 from .page import study_page
 from .processes import default_jobs, outcomes_here, outcomes_on_cluster
-from .tasks import Outcome, Task, Trial, find_trials
+from .tasks import Outcome, Task, Trial, completed, find_trials, stored_outcome
 
 COMMAND = "batch"
 TABLE_FILE, PAGE_FILE = "study.csv", "study.html"
@@ -140,6 +140,8 @@ def run_study(
             _write_outcome(folder, outcome)
         message = f"{outcome.name}: {'failed: ' + outcome.reason if outcome.reason else f'complete in {outcome.seconds:.0f} s'}"
         progress("trials", len(outcomes), len(tasks), message)
+    # refused here because another run was making them, and complete by now
+    outcomes |= _complete(folder, {name: tasks[name] for name, outcome in outcomes.items() if outcome.reason}, replace=True)
     result = Study(out=folder, trials=tuple(trials), outcomes=tuple(outcomes[name] for name in tasks), kept=kept)
     with _naming_what_is_kept():
         _write_table(result)
@@ -168,8 +170,7 @@ def _complete(out: Path, tasks: Mapping[str, Task], replace: bool) -> dict[str, 
     Raises:
         InputError: complete ones that were made in another way, without `replace`.
     """
-    earlier = {name: outcome for name in tasks if (outcome := _read_outcome(out / f"{name}.json")) is not None}
-    found = {name: outcome for name, outcome in earlier.items() if not outcome.reason and tasks[name].out.is_dir()}
+    found = {name: outcome for name, task in tasks.items() if (outcome := completed(task)) is not None}
     same = {name: outcome for name, outcome in found.items() if outcome.made_with == tasks[name].made_with}
     others = sorted(set(found) - set(same))
     if others and not replace:
@@ -180,16 +181,9 @@ def _complete(out: Path, tasks: Mapping[str, Task], replace: bool) -> dict[str, 
     return same
 
 
-def _read_outcome(path: Path) -> Outcome | None:
-    try:
-        return Outcome.from_json(path.read_text(encoding="utf-8"))
-    except (OSError, ValueError, TypeError, KeyError):
-        return None
-
-
 def _write_outcome(folder: Path, outcome: Outcome) -> None:
     path = folder / f"{outcome.name}.json"
-    if _read_outcome(path) is None:
+    if stored_outcome(path) is None:
         keep_copy(path)  # a file of this name that is not ours
     try:
         path.parent.mkdir(parents=True, exist_ok=True)

@@ -169,12 +169,29 @@ class Outcome:
         return json.dumps(plain(vars(self)))
 
 
+def completed(task: Task) -> Outcome | None:
+    """The outcome that any run of the study stored of a trial whose result is there; None: it is to be done."""
+    outcome = stored_outcome(task.out.with_name(f"{task.out.name}.json"))
+    return outcome if outcome is not None and not outcome.reason and task.out.is_dir() else None
+
+
+def stored_outcome(path: Path) -> Outcome | None:
+    """The outcome in a file; None where there is none, or something else."""
+    try:
+        return Outcome.from_json(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError, TypeError, KeyError):
+        return None
+
+
 def run_task(task: Task) -> Outcome:
     """Track a session, save the result and its report; an older result of posefuse in its place is replaced.
 
     Returns:
-        The outcome; a known error is its reason.
+        The outcome; a known error is its reason. Where another run made the same meanwhile it is that run's.
     """
+    meanwhile = completed(task)
+    if meanwhile is not None and meanwhile.made_with == task.made_with:
+        return meanwhile
     began = time.monotonic()
     found: dict[str, Any]
     try:
