@@ -19,7 +19,7 @@ from commands import error
 import posefuse as pf
 from posefuse.api import calibrate
 from posefuse.api.calibrate import target_of
-from posefuse.api.calibration_results import ClockCalibration, save_clocks, saved_clocks
+from posefuse.api.calibration_results import ClockCalibration, RigCalibration, save_clocks, saved_clocks
 from posefuse.calibration.clocks.sync import ClockEstimate
 from posefuse.calibration.extrinsics.world import FloorMarker, read_floor_points, with_floor
 from posefuse.calibration.report import CalibrationReport, Check, CheckKind, RefusedCalibration
@@ -187,6 +187,36 @@ def test_the_last_line_of_calibrate_clocks_agrees_with_its_table(
         (tmp_path / "posefuse.toml").write_text(kept)
     run("clocks", str(tmp_path))
     assert purpose.replace("SESSION", str(tmp_path)) in capsys.readouterr().err.splitlines()[-1]
+
+
+def test_the_next_command_after_clocks_reads_what_the_clocks_were_found_in(
+    lab: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: Any
+) -> None:
+    """It had the session only, where the calibration file lies elsewhere, and 2D poses have no frame rate."""
+    write_rig(rig_file := tmp_path / "the rig.toml", lab.rig)
+    known = ClockEstimate.known(0.1 * np.eye(len(lab.rig))[1], 0.0)
+    found = ClockCalibration(rig=lab.rig, clocks=known, report=CalibrationReport("clocks", ()), frame_period_s=(0.04,) * 4)
+    monkeypatch.setattr("posefuse.calibrate_clocks", lambda *_, **__: found)
+    given = ["--rig", str(rig_file), "--rate", "50", "--input", "pose2d", "--networks", "blazepose_lite"]
+    run("clocks", str(tmp_path), *given, "--seconds", "20", "--clocks", "drift")
+    command, _, _ = capsys.readouterr().err.splitlines()[-1].removeprefix("next: posefuse ").rpartition("  (")
+    typed = parse(shlex.split(command)).bound.arguments
+    assert typed["session"] == tmp_path
+    asked = parse(["track", str(tmp_path), *given, "--out", "RESULT"]).bound.arguments
+    assert typed["options"].changes == asked["options"].changes
+
+
+def test_clocks_of_a_person_go_where_the_rig_goes(
+    lab: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: Any
+) -> None:
+    """The last line named the rig file alone, though the clocks lie next to it; and it was not the last line."""
+    known = ClockEstimate.known(0.1 * np.eye(len(lab.rig))[1], 0.0)
+    found = RigCalibration(rig=lab.rig, report=CalibrationReport("person", ()), clocks=known, frame_period_s=(0.04,) * 4)
+    monkeypatch.setattr("posefuse.calibrate_person", lambda *_, **__: found)
+    write_rig(tmp_path / "lenses.toml", lab.rig)
+    run("person", "walk", "--intrinsics", str(tmp_path / "lenses.toml"), "--height-m", "1.8", "--out", str(tmp_path / "r.toml"))
+    last = capsys.readouterr().err.splitlines()[-1]
+    assert last.startswith(f"next: put {tmp_path / 'r.toml'} and {tmp_path / 'posefuse.toml'} into the folder of your videos")
 
 
 def test_a_drifting_clock_is_set_right_by_the_settings_written(lab: Any, tmp_path: Path) -> None:

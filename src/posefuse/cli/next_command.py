@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, fields
 from pathlib import Path
@@ -72,14 +72,17 @@ def _typed(*words: str) -> str:
     return " ".join(["posefuse calibrate", *filter(None, words)])
 
 
-def option_words(options: Any, **changed: Any) -> str:
+def option_words(options: Any, only: Collection[str] | None = None, **changed: Any) -> str:
     """Options as they are typed: those that are not at their default.
 
     Args:
+        only: names of the fields that may be typed; None: all.
         changed: other values of some options, by the names of their fields.
     """
     words = []
     for field in fields(options):
+        if only is not None and field.name not in only:
+            continue
         value = changed.get(field.name, getattr(options, field.name))
         if value is True:
             words.append(f"--{option_of(field.name)}")
