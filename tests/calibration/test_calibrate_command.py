@@ -206,9 +206,7 @@ def test_the_next_command_after_clocks_reads_what_the_clocks_were_found_in(
     assert typed["options"].changes == asked["options"].changes
 
 
-def test_clocks_of_a_person_go_where_the_rig_goes(
-    lab: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: Any
-) -> None:
+def test_clocks_of_a_person_go_where_the_rig_goes(lab: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: Any) -> None:
     """The last line named the rig file alone, though the clocks lie next to it; and it was not the last line."""
     known = ClockEstimate.known(0.1 * np.eye(len(lab.rig))[1], 0.0)
     found = RigCalibration(rig=lab.rig, report=CalibrationReport("person", ()), clocks=known, frame_period_s=(0.04,) * 4)
