@@ -26,6 +26,7 @@ from posefuse.calibration.report import CalibrationReport, Check, CheckKind, Ref
 from posefuse.calibration.targets.coverage import coverage, coverage_sheet
 from posefuse.calibration.targets.detection import TargetDetector
 from posefuse.calibration.targets.kinds import Charuco, Chessboard, Markers, Target, read_target, write_target
+from posefuse.calibration.targets.printing import Sheet
 from posefuse.cli.command_line import WrongCommandLineError, parse
 from posefuse.cli.next_command import TypedCommand, next_after
 from posefuse.cli.terminal import Terminal
@@ -281,6 +282,18 @@ def test_printing_writes_the_file_and_the_other_steps_take_it(tmp_path: Path) ->
     assert run(*words, str(out))["target"] == str(described)
     assert read_target(described) == Charuco(columns=5, rows=7, square_m=0.05, marker_m=0.0375)
     refusal(InputError, r"board\.toml already exists", run, *words, str(tmp_path / "board.ps"))
+
+
+def test_a_cube_is_printed_with_the_ids_that_its_file_names(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """For a second cube: its file had the ids asked for, its pages 0 to 5, of which the other steps then saw nothing."""
+    printed: list[Sheet] = []
+    monkeypatch.setattr("posefuse.api.targets.write_pdf", lambda path, sheets: printed.extend(sheets) or path.touch())
+    words = ["print", "--cube", "--marker-mm", "120", "--out"]
+    run(*words, str(tmp_path / "second.pdf"), "--ids", "10,11,12,13,14,15")
+    captions = " ".join(sheet.caption for sheet in printed)
+    assert read_target(tmp_path / "second.toml") == Markers(0.12, ids=tuple(range(10, 16)))
+    assert len(printed) == 6 and all(f"marker {one}," in captions for one in range(10, 16))
+    refusal(InputError, "a cube has 6 markers, got 1", run, *words, str(tmp_path / "one.pdf"), "--ids", "40")
 
 
 @pytest.mark.parametrize(
