@@ -207,6 +207,17 @@ def test_the_next_command_after_clocks_reads_what_the_clocks_were_found_in(
     assert typed["options"].changes == asked["options"].changes
 
 
+def test_images_of_a_person_are_named_as_what_is_not_read(tmp_path: Path, lab: Any) -> None:
+    """They were taken for 2D poses: first a rate was asked for, then no format of 2D poses was recognised."""
+    write_rig(tmp_path / "lenses.toml", lab.rig)
+    for name in ("cam00", "cam01"):
+        (tmp_path / name).mkdir()
+        cv2.imwrite(str(tmp_path / name / "1.png"), np.zeros((8, 8), np.uint8))
+    given = [f"{name}={tmp_path / name}" for name in ("cam00", "cam01")]
+    words = [*given, "--intrinsics", str(tmp_path / "lenses.toml"), "--height-m", "1.8", "--out", str(tmp_path / "r.toml")]
+    refusal(InputError, r"expected videos or 2D poses, got images: .*cam00.*; make a video of each", run, "person", *words)
+
+
 def test_clocks_of_a_person_go_where_the_rig_goes(lab: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: Any) -> None:
     """The last line named the rig file alone, though the clocks lie next to it; and it was not the last line."""
     known = ClockEstimate.known(0.1 * np.eye(len(lab.rig))[1], 0.0)
