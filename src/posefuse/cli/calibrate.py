@@ -414,8 +414,8 @@ def calibrate_clocks(session: Path, /, *, options: ClockOptions = ClockOptions()
         found.save_report(options.report, replace=options.replace)
     settings = _save_clocks(session, found, terminal)
     needed = f"add the offsets to {session / CONFIG_FILE} first" if found.clock_settings else "the clocks need no correction"
-    given = option_words(options, only=_ALSO_OF_TRACK)
-    command = " ".join(filter(None, ["posefuse track", quoted(session), given, "--out RESULT"]))
+    also = option_words(options, only=_ALSO_OF_TRACK)
+    command = " ".join(filter(None, ["posefuse track", quoted(session), also, "--out RESULT"]))
     terminal.next(command, "uses the clocks found" if settings else needed)
     return {"settings": settings, **found.report.numbers}
 
