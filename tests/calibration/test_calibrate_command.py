@@ -113,6 +113,7 @@ EXTRINSICS = "extrinsics --target cube.toml --intrinsics lenses.toml --out rig.t
         ("intrinsics --target board.toml --out lenses.yml cam00.mp4", InputError, "--out lenses.yml: a rig file is TOML"),
         ("extrinsics --target chess.toml --out rig.toml cam00.mp4", CalibrationError, "looks the same from both ends"),
         ("verify --target chess.toml --rig lenses.toml cam00.mp4", CalibrationError, "looks the same from both ends"),
+        ("verify --target cube.toml --rig lenses.toml --offset-ms cam00=nan cam00.mp4", InputError, "CAMERA=MILLISECONDS"),
         ("guide --target chess.toml --source cam00=video:cam00.mp4", CalibrationError, "looks the same from both ends"),
         (f"{EXTRINSICS} --floor-points none.toml", ConfigError, r"none\.toml: no such file"),
         (f"{EXTRINSICS} --floor-points a.toml --floor-marker 7", InputError, "one of the two sets the world"),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Collection, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, fields
@@ -108,7 +109,9 @@ def clock_offsets_s(offsets: Sequence[str]) -> dict[str, float]:
         try:
             found[name] = float(value) / 1e3
         except ValueError:
-            raise InputError(f"--offset-ms {text}: expected CAMERA=MILLISECONDS") from None
+            found[name] = math.nan
+        if not math.isfinite(found[name]):
+            raise InputError(f"--offset-ms {text}: expected CAMERA=MILLISECONDS")
     return found
 
 
