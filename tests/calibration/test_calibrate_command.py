@@ -19,13 +19,14 @@ from commands import error
 import posefuse as pf
 from posefuse.api import calibrate
 from posefuse.api.calibrate import target_of
-from posefuse.api.calibration_results import ClockCalibration, save_clocks, saved_clocks
+from posefuse.api.calibration_results import ClockCalibration, RigCalibration, save_clocks, saved_clocks
 from posefuse.calibration.clocks.sync import ClockEstimate
 from posefuse.calibration.extrinsics.world import FloorMarker, read_floor_points, with_floor
 from posefuse.calibration.report import CalibrationReport, Check, CheckKind, RefusedCalibration
 from posefuse.calibration.targets.coverage import coverage, coverage_sheet
 from posefuse.calibration.targets.detection import TargetDetector
 from posefuse.calibration.targets.kinds import Charuco, Chessboard, Markers, Target, read_target, write_target
+from posefuse.calibration.targets.printing import Sheet
 from posefuse.cli.command_line import WrongCommandLineError, parse
 from posefuse.cli.next_command import TypedCommand, next_after
 from posefuse.cli.terminal import Terminal
@@ -112,6 +113,7 @@ EXTRINSICS = "extrinsics --target cube.toml --intrinsics lenses.toml --out rig.t
         ("intrinsics --target board.toml --out lenses.yml cam00.mp4", InputError, "--out lenses.yml: a rig file is TOML"),
         ("extrinsics --target chess.toml --out rig.toml cam00.mp4", CalibrationError, "looks the same from both ends"),
         ("verify --target chess.toml --rig lenses.toml cam00.mp4", CalibrationError, "looks the same from both ends"),
+        ("verify --target cube.toml --rig lenses.toml --offset-ms cam00=nan cam00.mp4", InputError, "CAMERA=MILLISECONDS"),
         ("guide --target chess.toml --source cam00=video:cam00.mp4", CalibrationError, "looks the same from both ends"),
         (f"{EXTRINSICS} --floor-points none.toml", ConfigError, r"none\.toml: no such file"),
         (f"{EXTRINSICS} --floor-points a.toml --floor-marker 7", InputError, "one of the two sets the world"),
@@ -189,6 +191,45 @@ def test_the_last_line_of_calibrate_clocks_agrees_with_its_table(
     assert purpose.replace("SESSION", str(tmp_path)) in capsys.readouterr().err.splitlines()[-1]
 
 
+def test_the_next_command_after_clocks_reads_what_the_clocks_were_found_in(
+    lab: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: Any
+) -> None:
+    """It had the session only, where the calibration file lies elsewhere, and 2D poses have no frame rate."""
+    write_rig(rig_file := tmp_path / "the rig.toml", lab.rig)
+    known = ClockEstimate.known(0.1 * np.eye(len(lab.rig))[1], 0.0)
+    found = ClockCalibration(rig=lab.rig, clocks=known, report=CalibrationReport("clocks", ()), frame_period_s=(0.04,) * 4)
+    monkeypatch.setattr("posefuse.calibrate_clocks", lambda *_, **__: found)
+    given = ["--rig", str(rig_file), "--rate", "50", "--input", "pose2d", "--networks", "blazepose_lite"]
+    run("clocks", str(tmp_path), *given, "--seconds", "20", "--clocks", "drift")
+    command, _, _ = capsys.readouterr().err.splitlines()[-1].removeprefix("next: posefuse ").rpartition("  (")
+    typed = parse(shlex.split(command)).bound.arguments
+    assert typed["session"] == tmp_path
+    asked = parse(["track", str(tmp_path), *given, "--out", "RESULT"]).bound.arguments
+    assert typed["options"].changes == asked["options"].changes
+
+
+def test_images_of_a_person_are_named_as_what_is_not_read(tmp_path: Path, lab: Any) -> None:
+    """They were taken for 2D poses: first a rate was asked for, then no format of 2D poses was recognised."""
+    write_rig(tmp_path / "lenses.toml", lab.rig)
+    for name in ("cam00", "cam01"):
+        (tmp_path / name).mkdir()
+        cv2.imwrite(str(tmp_path / name / "1.png"), np.zeros((8, 8), np.uint8))
+    given = [f"{name}={tmp_path / name}" for name in ("cam00", "cam01")]
+    words = [*given, "--intrinsics", str(tmp_path / "lenses.toml"), "--height-m", "1.8", "--out", str(tmp_path / "r.toml")]
+    refusal(InputError, r"expected videos or 2D poses, got images: .*cam00.*; make a video of each", run, "person", *words)
+
+
+def test_clocks_of_a_person_go_where_the_rig_goes(lab: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: Any) -> None:
+    """The last line named the rig file alone, though the clocks lie next to it; and it was not the last line."""
+    known = ClockEstimate.known(0.1 * np.eye(len(lab.rig))[1], 0.0)
+    found = RigCalibration(rig=lab.rig, report=CalibrationReport("person", ()), clocks=known, frame_period_s=(0.04,) * 4)
+    monkeypatch.setattr("posefuse.calibrate_person", lambda *_, **__: found)
+    write_rig(tmp_path / "lenses.toml", lab.rig)
+    run("person", "walk", "--intrinsics", str(tmp_path / "lenses.toml"), "--height-m", "1.8", "--out", str(tmp_path / "r.toml"))
+    last = capsys.readouterr().err.splitlines()[-1]
+    assert last.startswith(f"next: put {tmp_path / 'r.toml'} and {tmp_path / 'posefuse.toml'} into the folder of your videos")
+
+
 def test_a_drifting_clock_is_set_right_by_the_settings_written(lab: Any, tmp_path: Path) -> None:
     offset, drift, middle = 0.12, -2e-4, 40.0
     second = np.eye(4)[1]
@@ -253,6 +294,18 @@ def test_printing_writes_the_file_and_the_other_steps_take_it(tmp_path: Path) ->
     assert run(*words, str(out))["target"] == str(described)
     assert read_target(described) == Charuco(columns=5, rows=7, square_m=0.05, marker_m=0.0375)
     refusal(InputError, r"board\.toml already exists", run, *words, str(tmp_path / "board.ps"))
+
+
+def test_a_cube_is_printed_with_the_ids_that_its_file_names(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """For a second cube: its file had the ids asked for, its pages 0 to 5, of which the other steps then saw nothing."""
+    printed: list[Sheet] = []
+    monkeypatch.setattr("posefuse.api.targets.write_pdf", lambda path, sheets: printed.extend(sheets) or path.touch())
+    words = ["print", "--cube", "--marker-mm", "120", "--out"]
+    run(*words, str(tmp_path / "second.pdf"), "--ids", "10,11,12,13,14,15")
+    captions = " ".join(sheet.caption for sheet in printed)
+    assert read_target(tmp_path / "second.toml") == Markers(0.12, ids=tuple(range(10, 16)))
+    assert len(printed) == 6 and all(f"marker {one}," in captions for one in range(10, 16))
+    refusal(InputError, "a cube has 6 markers, got 1", run, *words, str(tmp_path / "one.pdf"), "--ids", "40")
 
 
 @pytest.mark.parametrize(

@@ -46,9 +46,14 @@ def test_a_tile_sets_the_world(lab: Any) -> None:
 
 
 def test_a_tile_face_down_puts_cameras_below_the_floor_and_is_refused(lab: Any) -> None:
+    """The floor comes first: the next command had named every camera as upside down."""
     upside_down = lab.rig.moved(SE3.from_rotvec([np.pi, 0, 0], [0, 0, 0]))
-    failed = {check.name for check in world_checks(upside_down, has_floor=True) if not check.passed}
-    assert failed == {"cameras are above the floor", "images are upright"}
+    failed = [check for check in world_checks(upside_down, has_floor=True) if not check.passed]
+    assert [check.name for check in failed] == ["cameras are above the floor", "images are upright"]
+    swapped = {camera.name: camera.project(POINTS[[0, 2, 1]]) for camera in lab.rig}
+    from_points = lab.rig.moved(ThreePoints(swapped).rule.new_from_old(lab.rig))
+    first = next(check for check in world_checks(from_points, has_floor=True) if not check.passed)
+    assert "x and y of the points are exchanged" in first.line
 
 
 def test_a_tile_that_no_person_sees_or_that_moves_is_refused(lab: Any) -> None:

@@ -95,6 +95,15 @@ def test_images_are_rgb_in_order_with_rate_or_times_file(tmp_path: Path) -> None
     refusal(SourceError, r"do not state their frame rate; add `rate_hz=HZ`, .* or timestamps\.csv", build)
 
 
+def test_images_are_in_the_order_of_the_numbers_in_their_names(tmp_path: Path) -> None:
+    """Many programs number without zeros in front: by letters, frame 10 came before frame 2."""
+    names = ["take 1 frame 2.png", "take 1 frame 9.PNG", "take 1 frame 10.png", "take 1 frame 100.png", "take 2 frame 1.png"]
+    for i, name in enumerate(names):
+        cv2.imwrite(str(tmp_path / name), np.full((48, 64, 3), (0, 0, 10 * i), np.uint8))
+    frames = ImagesConfig(tmp_path, "cam", rate_hz=50.0).build().frames()
+    assert [int(frame.image[0, 0, 0]) for frame in frames] == [0, 10, 20, 30, 40]
+
+
 def test_a_broken_image_is_left_out_and_an_empty_folder_named(tmp_path: Path) -> None:
     folder = write_images(tmp_path / "cam", 3)
     (folder / "001.png").write_bytes(b"oops")

@@ -64,7 +64,10 @@ def print_target(
     if isinstance(kind, Chessboard):
         raise InputError("print: a plain chessboard is not offered; a ChArUco board does all it does, and more")
     if isinstance(kind, Markers):
-        sheets = marker_sheets(kind, CUBE_IDS if cube else kind.ids or (0,), page)
+        ids = kind.ids or (CUBE_IDS if cube else (0,))
+        if cube and len(ids) != len(CUBE_IDS):
+            raise InputError(f"`ids=A,B,...`: a cube has {len(CUBE_IDS)} markers, got {len(ids)}")
+        sheets = marker_sheets(kind, ids, page)
     else:
         sheets = board_sheets(kind, page)
     keep_copy(pdf)

@@ -10,7 +10,7 @@ import posefuse as pf
 from posefuse.calibration.settings import TargetDescription
 from posefuse.pipeline.config import CONFIG_FILE
 
-from .next_command import TypedCommand, check_files, clock_offsets_s, reported
+from .next_command import TypedCommand, check_files, clock_offsets_s, option_words, reported
 from .options import (
     MOST_S,
     Figures,
@@ -42,6 +42,8 @@ _TARGET_SETTINGS = {
 }  # fmt: skip
 # ten times the fastest camera of a laboratory
 _MOST_HZ, _MOST_HEIGHT_M, _MOST_MM = 10_000.0, 3.0, 10_000.0
+# options of `calibrate clocks` without which `track` does not read the same session
+_ALSO_OF_TRACK = ("rig", "input", "rate_hz", "networks", "device")
 ClockMode = Literal["auto", "together", "offset", "drift"]
 InputKind = Literal["auto", "videos", "images", "pose2d"]
 File = Annotated[Path, Parameter(metavar="FILE")]
@@ -390,8 +392,10 @@ def calibrate_person(*inputs: CameraRecordings, options: PersonOptions, terminal
         found = pf.calibrate_person(inputs, **arguments_of(pf.calibrate_person, options), progress=progress)
     terminal.show(found.summary())
     found.save(options.out, report=options.report, replace=options.replace)
-    terminal.next(f"put {options.out} into the folder of your videos: posefuse track SESSION --out RESULT", "the 3D skeleton")
-    return {"rig": str(options.out), "settings": _save_clocks(options.out.parent, found, terminal), **found.numbers}
+    settings = _save_clocks(options.out.parent, found, terminal)
+    files = f"{options.out} and {settings}" if settings else options.out
+    terminal.next(f"put {files} into the folder of your videos: posefuse track SESSION --out RESULT", "the 3D skeleton")
+    return {"rig": str(options.out), "settings": settings, **found.numbers}
 
 
 def calibrate_clocks(session: Path, /, *, options: ClockOptions = ClockOptions(), terminal: Shown) -> Figures:
@@ -410,7 +414,9 @@ def calibrate_clocks(session: Path, /, *, options: ClockOptions = ClockOptions()
         found.save_report(options.report, replace=options.replace)
     settings = _save_clocks(session, found, terminal)
     needed = f"add the offsets to {session / CONFIG_FILE} first" if found.clock_settings else "the clocks need no correction"
-    terminal.next(f"posefuse track {quoted(session)} --out RESULT", "uses the clocks found" if settings else needed)
+    also = option_words(options, only=_ALSO_OF_TRACK)
+    command = " ".join(filter(None, ["posefuse track", quoted(session), also, "--out RESULT"]))
+    terminal.next(command, "uses the clocks found" if settings else needed)
     return {"settings": settings, **found.report.numbers}
 
 

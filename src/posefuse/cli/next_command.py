@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+import math
+from collections.abc import Collection, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, fields
 from pathlib import Path
@@ -72,14 +73,17 @@ def _typed(*words: str) -> str:
     return " ".join(["posefuse calibrate", *filter(None, words)])
 
 
-def option_words(options: Any, **changed: Any) -> str:
+def option_words(options: Any, only: Collection[str] | None = None, **changed: Any) -> str:
     """Options as they are typed: those that are not at their default.
 
     Args:
+        only: names of the fields that may be typed; None: all.
         changed: other values of some options, by the names of their fields.
     """
     words = []
     for field in fields(options):
+        if only is not None and field.name not in only:
+            continue
         value = changed.get(field.name, getattr(options, field.name))
         if value is True:
             words.append(f"--{option_of(field.name)}")
@@ -105,7 +109,9 @@ def clock_offsets_s(offsets: Sequence[str]) -> dict[str, float]:
         try:
             found[name] = float(value) / 1e3
         except ValueError:
-            raise InputError(f"--offset-ms {text}: expected CAMERA=MILLISECONDS") from None
+            found[name] = math.nan
+        if not math.isfinite(found[name]):
+            raise InputError(f"--offset-ms {text}: expected CAMERA=MILLISECONDS")
     return found
 
 

@@ -12,6 +12,7 @@ from posefuse.calibration.person.scale import KnownLength
 from posefuse.calibration.person.solve import PersonCalibration, at_clocks, calibrate_tracks, unplaced_clocks
 from posefuse.calibration.person.views import choose_person
 from posefuse.calibration.report import CalibrationReport, Check, RefusedCalibration
+from posefuse.calibration.targets.recordings import is_recording
 from posefuse.core import Camera, InputError, Progress, Rig, silent
 from posefuse.core.errors import choices
 from posefuse.detection.build import DetectorChoice, build_detector, fetch_networks
@@ -26,10 +27,15 @@ from .session import LEAST_CAMERAS, Session, find_session, fitted_camera
 
 
 def check_recordings(paths: Mapping[str, Path]) -> None:
-    """Raise InputError where there are too few recordings, or one does not exist."""
+    """Raise InputError where there are too few recordings, or one does not exist or is a folder of images."""
     absent = [str(path) for path in paths.values() if not path.exists()]
     if absent:
         raise InputError(f"person: no such file or folder: {choices(absent)}")
+    # OpenPose writes images to the folder of its poses where it is asked to
+    folders = [path for path in paths.values() if path.is_dir() and not any(path.glob("*.json"))]
+    images = [str(path) for path in folders if is_recording(path)]
+    if images:
+        raise InputError(f"person: expected videos or 2D poses, got images: {choices(images)}; make a video of each folder")
     if len(paths) < LEAST_CAMERAS:
         raise InputError(f"person: expected at least {LEAST_CAMERAS} cameras, got {len(paths)}")
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -18,7 +19,7 @@ IMAGE_SUFFIXES = (".jpg", ".jpeg", ".png", ".bmp", ".tif", ".tiff", ".webp")
 
 @dataclass(frozen=True)
 class ImagesConfig:
-    """A folder with one image per frame, in the order of their names.
+    """A folder with one image per frame, in the order of the numbers in their names.
 
     Attributes:
         path: the folder. Times come from its ``timestamps.csv`` (columns ``file``, ``t_s``) where there is one.
@@ -94,7 +95,7 @@ class ImagesSource:
     def _read_times(self) -> list[tuple[Path, float]]:
         folder = Path(self._config.path)
         if not (folder / TIMES_FILE).is_file():
-            images = sorted(p for p in folder.iterdir() if p.suffix.lower() in IMAGE_SUFFIXES)
+            images = sorted((p for p in folder.iterdir() if p.suffix.lower() in IMAGE_SUFFIXES), key=_by_numbers)
             if images and self._config.rate_hz is None:
                 raise SourceError(
                     f"{self._where}: images do not state their frame rate; add `rate_hz=HZ`, rate_hz = HZ to posefuse.toml, "
@@ -102,3 +103,8 @@ class ImagesSource:
                 )
             return [(path, i / (self._config.rate_hz or 1.0)) for i, path in enumerate(images)]
         return read_frame_times(folder)
+
+
+def _by_numbers(path: Path) -> tuple[list[tuple[str, int]], str]:
+    """Sorts frame 2 before frame 10: a text and the number after it, in turns; names that differ in zeros only by these."""
+    return [(text, int(number or 0)) for text, number in re.findall(r"(\D*)(\d*)", path.name)], path.name

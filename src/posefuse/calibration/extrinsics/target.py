@@ -201,19 +201,20 @@ def _clocks(task: RigTask, solved: Solved) -> ClockEstimate:
 
 
 def world_checks(rig: Rig, has_floor: bool, upside_down: tuple[str, ...] = ()) -> list[Check]:
-    """Checks that need the world: cameras above the floor, images upright."""
-    up_cam = np.stack([camera.cam_from_world.matrix()[:, 2] for camera in rig])
-    up_cam = np.where(np.isin(rig.names, upside_down)[:, None], -up_cam, up_cam)
-    done = [checks.check_upright(rig.cameras, up_cam)]
+    """Checks that need the world: cameras above the floor, images upright, which they are not in a world whose floor is wrong."""
+    done = []
     if has_floor:
         height = rig.centres_world()[:, 2]
         worst = int(np.argmin(height))
         done.append(
             Check("cameras are above the floor", bool(height[worst] > 0),
                   f"the lowest is {rig.names[worst]} at {height[worst]:.2f} m",
-                  "the tile lies face down, is described mirrored, or is not on the floor", "input"),
+                  "the tile lies face down, is described mirrored or not on the floor, or x and y of the points are exchanged",
+                  "input"),
         )  # fmt: skip
-    return done
+    up_cam = np.stack([camera.cam_from_world.matrix()[:, 2] for camera in rig])
+    up_cam = np.where(np.isin(rig.names, upside_down)[:, None], -up_cam, up_cam)
+    return [*done, checks.check_upright(rig.cameras, up_cam)]
 
 
 def _notes(solved: Solved, target: Target) -> tuple[str, ...]:

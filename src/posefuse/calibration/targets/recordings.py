@@ -52,14 +52,15 @@ def _named(given: str | Path) -> list[tuple[str, Path]]:
     folder = path / VIDEOS_FOLDER if (path / VIDEOS_FOLDER).is_dir() else path
     if folder == path and not (path.is_dir() and any(_is_video(one) for one in path.iterdir())):
         return [(path.stem, path)]
-    found = [one for one in sorted(folder.iterdir()) if _is_recording(one)]
+    found = [one for one in sorted(folder.iterdir()) if is_recording(one)]
     if not found:
         raise InputError(f"{folder}: expected videos ({choices(VIDEO_SUFFIXES)}) or folders of images, got none")
     # a camera twice, as a video and as images, is refused by its name
     return [(one.name if one.is_dir() else one.stem, one) for one in found]
 
 
-def _is_recording(path: Path) -> bool:
+def is_recording(path: Path) -> bool:
+    """Whether this is a video or a folder of images."""
     if path.is_dir():
         return any(file.suffix.lower() in IMAGE_SUFFIXES for file in path.iterdir())
     return _is_video(path)
