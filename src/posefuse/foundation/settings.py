@@ -88,7 +88,8 @@ def _sibling_names(cls: type[Any], loc: tuple[str | int, ...]) -> list[str]:
             if part in types:
                 here = _resolved(candidate, str(part))
                 break
-            if part == candidate.__name__:
+            # of several kinds, pydantic names a class or its tag
+            if part == candidate.__name__ or part in get_args(_resolved(candidate, "kind") if "kind" in types else None):
                 here = candidate
                 break
     return sorted({f.name for candidate in _settings_inside(here) for f in dataclasses.fields(candidate)})
