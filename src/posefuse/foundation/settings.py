@@ -89,7 +89,7 @@ def _sibling_names(cls: type[Any], loc: tuple[str | int, ...]) -> list[str]:
                 here = _resolved(candidate, str(part))
                 break
             # of several kinds, pydantic names a class or its tag
-            if part == candidate.__name__ or part in get_args(_resolved(candidate, "kind") if "kind" in types else None):
+            if part == candidate.__name__ or any(part in get_args(hint) for hint in get_type_hints(candidate).values()):
                 here = candidate
                 break
     return sorted({f.name for candidate in _settings_inside(here) for f in dataclasses.fields(candidate)})
