@@ -123,7 +123,8 @@ def _frame_at(view: CameraTruth, t_ns: int) -> int:
     if off_ns > _FAR_TIME_NS:
         raise InputError(
             f"oracle: camera {view.camera}: no true frame within 1 ms of {t_ns} ns; the nearest is {off_ns} ns away; "
-            "where its clock has an offset or drift in the scene, state their negatives as offset_s and drift_ppm in the session's posefuse.toml"
+            "where its clock has an offset or drift in the scene, state their negatives as offset_s and drift_ppm "
+            "in the session's posefuse.toml"
         )
     return frame
 
