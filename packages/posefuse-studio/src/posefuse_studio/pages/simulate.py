@@ -205,7 +205,11 @@ class _Plan:
         self._fill(self._cameras[0].name)
 
     def _draw_map(self) -> None:
-        self._map._props["size"] = self._room.size_px
+        size_px = self._room.size_px
+        if self._map.props["size"] != size_px:
+            self._map.props["size"] = size_px
+            # which the element does for its first size only
+            self._map.run_method("updateViewbox", *size_px)
         self._map.set_content(room_svg(self._room, self._cameras, self._chosen, self._floor))
 
     async def _follow(self) -> None:
