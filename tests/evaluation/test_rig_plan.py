@@ -9,6 +9,7 @@ from checks import refusal
 import posefuse as pf
 from posefuse.cli.main import main
 from posefuse.core import SE3, InputError, Rig
+from posefuse.foundation.summary import Facts
 from posefuse.fusion import FuseSettings, triangulate
 from posefuse_sim.rig_plan import covariance, plan_rig
 from posefuse_sim.surroundings import Box
@@ -54,6 +55,13 @@ def test_where_fewer_than_two_cameras_see_nothing_is_stated(ring_rig: Callable[.
     assert hidden.covered() < plan.covered() <= 1
     assert (hidden.n_views <= plan.n_views).all()
     assert plan.covered(3) <= plan.covered(2)
+
+
+def test_a_rig_that_covers_nothing_is_summarised_in_words(ring_rig: Callable[..., Rig]) -> None:
+    plan = plan_rig(ring_rig(1), (3.0, 2.0), step_m=0.5)
+    (facts,) = (block for block in plan.summary() if isinstance(block, Facts))
+    shown = dict(facts.shown)
+    assert "no place" in shown["keypoint error, one time step"] and "nan" not in str(shown)
 
 
 def test_a_detector_errs_by_a_share_of_the_person(ring_rig: Callable[..., Rig]) -> None:

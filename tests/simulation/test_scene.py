@@ -60,6 +60,13 @@ def _moved(motion: str) -> str:
         ("duration_s: 5 s\ncameras: {kind: ring}", "duration_s: .*number.*got '5 s'"),
         ("cameras: {kind: ring}", "duration_s: missing"),
         ("duration_s: 1\ncameras: {kind: ring, image: {width: 640}}", r"unknown key '.*image\.width'"),
+        # the keys of this kind alone: a list has `cameras`, a ring has not
+        (_moved("kind: walk, path: {shape: circle, speed: 3}"), r"there are: centre_m, clockwise, radius_m, shape, start_deg$"),
+        ("duration_s: 1\ncameras: {kind: ring, cout: 3}", r"there are: centre_m, count, .*sensor$"),
+        (
+            f"{_TOP}occluders: [{{kind: wall, from_m: [0, 0], to_m: [1, 0], size_m: 1}}]",
+            r"there are: colour, from_m, height_m, kind, thickness_m, to_m$",
+        ),
         ("duration_s: 1\ncameras: {kind: ring, sensor: {drop_fraction: 1.0}}", "drop_fraction: .*less than 1, got 1.0"),
         ("duration_s: 1\ncameras: {kind: list, cameras: []}", "cameras: .*at least 1 item"),
         (

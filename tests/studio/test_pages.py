@@ -15,13 +15,15 @@ from small_session import saved_session
 import posefuse as pf
 from posefuse.core import Rig
 from posefuse.detection import named_networks
-from posefuse_sim.rig_plan import camera_of
+from posefuse_sim.build import room_size
+from posefuse_sim.rig_plan import camera_of, rig_of_scene
 from posefuse_sim.scene import read_scene
 from posefuse_studio import app, work
 from posefuse_studio.access import Access
 from posefuse_studio.calibrations import Project, projects, save_project
 from posefuse_studio.jobs import Jobs
 from posefuse_studio.pages import PAGES
+from posefuse_studio.pages.simulate import RoomMap
 from posefuse_studio.setups import Setup, save_setup, setup_named
 from posefuse_studio.state import Studio
 from posefuse_studio.workspace import StudioWorkspace
@@ -183,6 +185,33 @@ def test_a_camera_of_a_plan_is_chosen_and_moved(tmp_path: Path) -> None:
     visited(tmp_path, "/simulate", use)
     [plan] = (tmp_path / "plans").glob("*.yaml")
     assert camera_of(read_scene(plan), "cam04").position_m == (1.5, -3.5, 2.2)
+
+
+def test_a_plan_is_opened_again_in_its_own_room(tmp_path: Path) -> None:
+    (tmp_path / "plans").mkdir()
+    own = tmp_path / "plans" / "own.yaml"
+    own.write_text(
+        "duration_s: 2\ncameras: {kind: list, cameras: [{name: a, position_m: [3, 9, 2]}, {name: b, position_m: [-3, 9, 2]}]}\n"
+    )
+    scene = read_scene(own)
+    size_m = room_size(scene, rig_of_scene(scene))
+
+    async def use(user: User) -> None:
+        await user.should_see("Expected of these cameras", retries=100)
+        user.find(kind=ui.button, content="Keep this plan").click()
+        await user.should_see("Kept as plans/test-walk.yaml")
+        earlier = field(user, ui.select, "Earlier plan")
+        assert earlier.options == ["plans/own.yaml", "plans/test-walk.yaml"]
+        earlier.set_value("plans/own.yaml")
+        # the same figures as on the command line
+        await user.should_see(dict(pf.plan(own).summary()[1].shown)["floor"], retries=100)
+        (drawn,) = user.find(kind=ui.interactive_image).elements
+        assert drawn.props["size"] == RoomMap(size_m).size_px
+        user.find(kind=ui.button, content="Keep this plan").click()
+        await user.should_see("Kept as plans/test-walk-2.yaml")
+
+    visited(tmp_path, "/simulate", use)
+    assert read_scene(tmp_path / "plans" / "test-walk-2.yaml").room.size_m == size_m
 
 
 def test_what_fails_within_a_page_is_shown_there(tmp_path: Path) -> None:

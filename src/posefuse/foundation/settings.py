@@ -88,7 +88,8 @@ def _sibling_names(cls: type[Any], loc: tuple[str | int, ...]) -> list[str]:
             if part in types:
                 here = _resolved(candidate, str(part))
                 break
-            if part == candidate.__name__:
+            # of several kinds, pydantic names a class or its tag
+            if part == candidate.__name__ or any(part in get_args(hint) for hint in get_type_hints(candidate).values()):
                 here = candidate
                 break
     return sorted({f.name for candidate in _settings_inside(here) for f in dataclasses.fields(candidate)})

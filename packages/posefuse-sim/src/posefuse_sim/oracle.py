@@ -121,7 +121,11 @@ def _frame_at(view: CameraTruth, t_ns: int) -> int:
     frame = int(np.abs(view.t_ns - t_ns).argmin())
     off_ns = abs(int(view.t_ns[frame]) - t_ns)
     if off_ns > _FAR_TIME_NS:
-        raise InputError(f"oracle: camera {view.camera}: no true frame within 1 ms of {t_ns} ns; the nearest is {off_ns} ns away")
+        raise InputError(
+            f"oracle: camera {view.camera}: no true frame within 1 ms of {t_ns} ns; the nearest is {off_ns} ns away; "
+            "where its clock has an offset or drift in the scene, state their negatives as offset_s and drift_ppm "
+            "in the session's posefuse.toml"
+        )
     return frame
 
 

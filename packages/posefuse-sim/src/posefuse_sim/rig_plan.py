@@ -137,11 +137,12 @@ class RigPlan:
         """Coverage and expected error, for people."""
         found = self.figures
         (width_m, depth_m), (lowest_m, highest_m) = found["area_m"], self.height_m[[0, -1]]
+        error = f"median {found['median_mm']:.0f} mm, 95 % below {found['p95_mm']:.0f} mm"
         facts = {
             "floor": f"{width_m:.1f} x {depth_m:.1f} m, {lowest_m:g} to {highest_m:g} m high",
             "seen by 2 cameras or more": f"{found['covered_by_2']:.0%}",
             "seen by 3 cameras or more": f"{found['covered_by_3']:.0%}",
-            "keypoint error, one time step": f"median {found['median_mm']:.0f} mm, 95 % below {found['p95_mm']:.0f} mm",
+            "keypoint error, one time step": error if found["covered_by_2"] else "no place is seen by 2 cameras at all heights",
         }
         return [Heading("Expected of these cameras"), Facts(facts)]
 

@@ -16,6 +16,7 @@ import posefuse as pf
 from posefuse.core.arrays import Array
 from posefuse.foundation.settings import settings_from_mapping
 from posefuse_sim import rig_plan
+from posefuse_sim.build import room_size
 from posefuse_sim.cameras import ImageSettings, PlacedCamera, placed_cameras
 from posefuse_sim.scene import Scene, plain_settings, read_scene, scene_text
 from posefuse_studio.scene import RigScene
@@ -112,7 +113,6 @@ class _Plan:
             if all(side.value for side in sides):
                 size_m = (float(sides[0].value), float(sides[1].value))
                 self._use(replace(self._scene, room=replace(self._scene.room, size_m=size_m)))
-                self._map._props["size"] = self._room.size_px
 
     def _walk_card(self) -> None:
         """Keep the plan as a scene file, open an earlier one, render a test walk in it."""
@@ -126,7 +126,13 @@ class _Plan:
             file = workspace.free_name(PLANS, name.value, ".yaml")
             workspace.path(file).write_text(scene_text(scene), encoding="utf-8")
             ui.notify(f"Kept as {file}")
+            offer()
             return file
+
+        def offer() -> None:
+            plans = [one for one in workspace.files(".yaml", ".yml") if one.startswith(f"{PLANS}/")]
+            earlier.set_options(plans)
+            earlier.set_visibility(bool(plans))
 
         def render() -> None:
             scene = keep()
@@ -136,7 +142,9 @@ class _Plan:
 
         def open_earlier(file: str | None) -> None:
             if file:
-                self._scene = rig_plan.listed_cameras(read_scene(workspace.existing(file)))
+                scene = rig_plan.listed_cameras(read_scene(workspace.existing(file)))
+                size_m = room_size(scene, rig_plan.rig_of_scene(scene))
+                self._scene = replace(scene, room=replace(scene.room, size_m=size_m))
                 self._fill(self._cameras[0].name)
 
         with card("Test walk"):
@@ -146,9 +154,9 @@ class _Plan:
                 seconds = ui.number("Seconds", value=6, min=1, max=120, step=1).props(_FIELD)
                 ui.button("Render the walk", icon="directions_walk", on_click=render)
             with ui.row().classes("pf-tools"):
-                plans = [one for one in workspace.files(".yaml", ".yml") if one.startswith(f"{PLANS}/")]
-                earlier = ui.select(plans, label="Earlier plan", on_change=lambda event: open_earlier(event.value))
-                earlier.props("dense outlined clearable").classes("w-56").set_visibility(bool(plans))
+                earlier = ui.select([], label="Earlier plan", on_change=lambda event: open_earlier(event.value))
+                earlier.props("dense outlined clearable").classes("w-56")
+                offer()
                 ui.button("Keep this plan", icon="save", on_click=keep).props("outline")
 
     @property
@@ -197,6 +205,11 @@ class _Plan:
         self._fill(self._cameras[0].name)
 
     def _draw_map(self) -> None:
+        size_px = self._room.size_px
+        if self._map.props["size"] != size_px:
+            self._map.props["size"] = size_px
+            # which the element does for its first size only
+            self._map.run_method("updateViewbox", *size_px)
         self._map.set_content(room_svg(self._room, self._cameras, self._chosen, self._floor))
 
     async def _follow(self) -> None:
