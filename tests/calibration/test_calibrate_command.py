@@ -308,6 +308,12 @@ def test_a_cube_is_printed_with_the_ids_that_its_file_names(tmp_path: Path, monk
     refusal(InputError, "a cube has 6 markers, got 1", run, *words, str(tmp_path / "one.pdf"), "--ids", "40")
 
 
+def test_the_file_of_a_printed_target_names_its_markers(tmp_path: Path) -> None:
+    """Without ids, `verify` took a floor marker of another size as part of the cube: lengths were 214 mm off."""
+    run("print", "--cube", "--marker-mm", "120", "--out", str(tmp_path / "cube.pdf"))
+    assert read_target(tmp_path / "cube.toml") == Markers(0.12, ids=(0, 1, 2, 3, 4, 5))
+
+
 @pytest.mark.parametrize(
     ("text", "words"),
     [

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -67,7 +68,8 @@ def print_target(
         ids = kind.ids or (CUBE_IDS if cube else (0,))
         if cube and len(ids) != len(CUBE_IDS):
             raise InputError(f"`ids=A,B,...`: a cube has {len(CUBE_IDS)} markers, got {len(ids)}")
-        sheets = marker_sheets(kind, ids, page)
+        # the file names them: a marker of the floor, of another size perhaps, is not part of the target
+        kind, sheets = dataclasses.replace(kind, ids=tuple(ids)), marker_sheets(kind, ids, page)
     else:
         sheets = board_sheets(kind, page)
     keep_copy(pdf)
