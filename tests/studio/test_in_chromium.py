@@ -10,6 +10,7 @@ import pytest
 from posefuse_studio import app
 from posefuse_studio.access import Access
 from posefuse_studio.pages import PAGES
+from posefuse_studio.pages.simulate import RoomMap
 from posefuse_studio.state import Studio
 from posefuse_studio.workspace import StudioWorkspace, write_stored
 from tools.studio_server import PATIENCE_S, TOKEN, cookies, free_port, server, session_of, stand_in
@@ -135,6 +136,14 @@ def test_the_printed_address_opens_the_page_and_a_cookie_does_from_then_on(page:
     assert page.url == f"{base}/live"
     page.goto(f"{base}/simulate")
     page.get_by_role("heading", name="Simulate", level=1).wait_for()
+
+
+def test_the_map_of_a_plan_has_the_sides_of_its_room(page: Any, lab: Lab) -> None:
+    open_page(page, f"{lab[1]}/simulate", ".pf-plan")
+    for label, typed in (("room x, m", "5"), ("room y, m", "12")):
+        page.get_by_label(label, exact=True).fill(typed)
+    width, height = RoomMap((5.0, 12.0)).size_px
+    page.locator(f'.pf-plan svg[viewBox="0 0 {width} {height}"]').first.wait_for()
 
 
 def test_the_file_that_opens_the_browser_is_private_and_leads_to_the_page(
