@@ -243,10 +243,10 @@ def _edits(
     note: Callable[[str], None],
 ) -> Edits:
     """The edits given, else those kept next to the recording, else those it was made with; the rest on top."""
-    from posefuse.pipeline.edits import NO_EDITS, check_used, edits_path, read_edits
+    from posefuse.pipeline.edits import NO_EDITS, check_exclusions, edits_path, read_edits
     from posefuse.pipeline.solve import edits_of
 
-    check_used(exclude, earlier)
+    check_exclusions(exclude, earlier)
     if edits is None and (edits := read_edits(path)) not in (None, NO_EDITS):
         count = len(edits.exclusions)
         note(f"{edits_path(path)}: what is marked there is left out (stretches: {count}); `no_edits=True` uses everything")

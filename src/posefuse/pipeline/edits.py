@@ -81,7 +81,7 @@ def used_frames(observations: Observations, exclusions: Sequence[Exclusion]) -> 
     return used
 
 
-def check_used(exclusions: Sequence[Exclusion], recording: Recording) -> None:
+def check_exclusions(exclusions: Sequence[Exclusion], recording: Recording) -> None:
     """Raise InputError as `check_edits`, and for a stretch in which the recording has no frame."""
     check_edits(Edits(exclusions=tuple(exclusions)), recording)
     t_ns = recording.observations.frame_t_ns
