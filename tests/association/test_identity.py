@@ -59,6 +59,14 @@ def test_two_who_left_are_distinguished_when_they_return_elsewhere(back: tuple[i
     assert person_at(room.state.names, 3, begin_ns) == back[0], "known from its first frame on, once it is known"
 
 
+def test_two_who_differ_plainly_are_named_sooner() -> None:
+    room = Room([1.0, 0.8, 1.2], people_max=3)
+    room.frames(40, {0: (0, 0.0), 1: (1, 1.5), 2: (2, 3.0)})
+    room.frames(30, {0: (0, 0.0)})
+    room.frames(5, {0: (0, 0.0), 3: (1, 3.0), 4: (2, 1.5)})
+    assert [room.state.person_of(track) for track in (3, 4)] == [1, 2]
+
+
 def test_who_may_be_either_of_two_alike_gets_one_of_their_names_after_more_frames() -> None:
     room = Room([1.0, 1.0], people_max=2)
     room.frames(40, {0: (0, 0.0), 1: (1, 1.5)})

@@ -56,6 +56,15 @@ def test_lengths_are_those_of_the_figure(fitted):
         assert 0 < fitted.bodies[0].lengths[name].spread_m < 3 * SIGMA_M
 
 
+def test_noise_does_not_lengthen_bones(walk):
+    """Noise across a bone makes its ends seem farther apart: a forearm by 7 mm here."""
+    still = np.repeat(walk(1).xyz_world, 3000, axis=0)
+    clean, sigma_m = poses(still, SIGMA_M, RATE_HZ, walk(1).skeleton), 0.03
+    body = bodies_from_poses(poses(shaken(clean, sigma_m).xyz_world, sigma_m, RATE_HZ, clean.skeleton))[0]
+    for name, length_m in LENGTH_M.items():
+        assert body.lengths[name].value_m == pytest.approx(length_m, abs=0.0025), name
+
+
 def test_segments_keep_their_length(fitted):
     skeleton = fitted.poses.skeleton
     for upper, lower in (("left_hip", "left_knee"), ("right_elbow", "right_wrist")):
