@@ -60,7 +60,8 @@ def test_two_who_left_are_distinguished_when_they_return_elsewhere(back: tuple[i
 
 
 def test_two_who_differ_plainly_are_named_sooner() -> None:
-    room = Room([1.0, 0.8, 1.2], people_max=3)
+    # a fourth person may come, too
+    room = Room([1.0, 0.8, 1.2], people_max=4)
     room.frames(40, {0: (0, 0.0), 1: (1, 1.5), 2: (2, 3.0)})
     room.frames(30, {0: (0, 0.0)})
     room.frames(5, {0: (0, 0.0), 3: (1, 3.0), 4: (2, 1.5)})
