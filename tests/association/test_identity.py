@@ -59,9 +59,9 @@ def test_two_who_left_are_distinguished_when_they_return_elsewhere(back: tuple[i
     assert person_at(room.state.names, 3, begin_ns) == back[0], "known from its first frame on, once it is known"
 
 
-def test_two_who_differ_plainly_are_named_sooner() -> None:
-    # a fourth person may come, too
-    room = Room([1.0, 0.8, 1.2], people_max=4)
+@pytest.mark.parametrize("people_max", [3, 4])
+def test_two_who_differ_plainly_are_named_sooner_whether_or_not_a_stranger_may_come(people_max: int) -> None:
+    room = Room([1.0, 0.8, 1.2], people_max)
     room.frames(40, {0: (0, 0.0), 1: (1, 1.5), 2: (2, 3.0)})
     room.frames(30, {0: (0, 0.0)})
     room.frames(5, {0: (0, 0.0), 3: (1, 3.0), 4: (2, 1.5)})
