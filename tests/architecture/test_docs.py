@@ -282,7 +282,6 @@ def test_all_outputs_are_in_the_list_of_files() -> None:
     assert ours and not [name for name in ours if f"`{name}`" not in page]
 
 
-@pytest.mark.slow
 def test_the_site_builds_without_a_warning_and_needs_no_other_host(tmp_path: Path) -> None:
     command = [sys.executable, "-m", "mkdocs", "build", "--strict", "--site-dir", str(tmp_path / "site")]
     run = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=300)

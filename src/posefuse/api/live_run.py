@@ -157,7 +157,8 @@ def track_live(
     """Track live until the time is over, the sources end, or Ctrl-C; poses go to the outputs. `live` gives them to a program.
 
     Args:
-        rig, sources, settings, ros, duration_s: as for `live`. config: settings file.
+        rig: as for `live`, as are `sources`, `settings`, `ros` and `duration_s`.
+        config: settings file.
         outputs: options of outputs by name, e.g. ``{"record": {"path": "walk.mcap"}, "osc": {"to": ["localhost:9000"]}}``.
         axes: of outputs that have such an option: ``z_up``, ``y_up``, ``y_up_left_handed``.
         loop_s: show the first seconds of videos and simulated sessions again and again.

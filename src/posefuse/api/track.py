@@ -281,7 +281,7 @@ def batch(
     Args:
         study: folder with sessions below it, e.g. ``P01/walk1``; a calibration may lie with the session or above it.
         out: folder for the results: a result folder per trial, the table ``study.csv`` and the page ``study.html``.
-        networks, device: as in `track`.
+        networks: as in `track`. device: the same.
         formats: outputs of each trial, see `posefuse plugins`; None: those of `config`, else trc, c3d and csv.
         report: write joint angles, gait and the report of each trial.
         jobs: trials at once on this machine; None: as many as its cores and its free memory allow.
