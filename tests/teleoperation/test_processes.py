@@ -79,6 +79,7 @@ def test_a_robot_process_that_is_killed_is_reported(link):
 def test_a_recording_that_fails_stops_the_robot_first(tmp_path, capfd):
     import resource
 
+    pytest.importorskip("rosbags", reason="a recording needs the extra ros")
     plan = replace(PLAN, record=tmp_path / "robot.mcap")
     before = resource.getrlimit(resource.RLIMIT_FSIZE)
     # for the process of the robot, a disk that is full after its first bytes
