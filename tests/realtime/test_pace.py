@@ -43,7 +43,7 @@ def test_a_slow_machine_is_reported_once_with_what_helps(share: float, smaller: 
     fusion = SimpleNamespace(
         rig=SimpleNamespace(names=("a", "b", "c")), monitor=monitor, watch=None, noise_scale=None, outlets=NoOutputs()
     )
-    news = News(fusion, 0, found.append, smaller=smaller)
+    news = News(fusion, 0, found.append, smaller=lambda: smaller)
     for t in range(60):
         for camera in "abc":
             # the process of one is started again

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, NamedTuple
@@ -71,8 +71,8 @@ def joint_angles_of(value: core.JointAngles) -> JointAngles:
 
 
 Fit = Literal["points", "rays", "none"]
-# outputs of the 3D result alone, for which it is read without its detections
-NEED_NO_DETECTIONS = ("trc", "c3d", "csv")
+# outputs of the 3D result alone
+_WITHOUT_DETECTIONS = ("trc", "c3d", "csv")
 
 
 class Written(NamedTuple):
@@ -474,6 +474,11 @@ def read(path: str | Path, *, observed: bool = True) -> Recording:
     from posefuse.pipeline.reading import read_result
 
     return recording_of(read_result(path, observed=observed), path=Path(path))
+
+
+def needs_detections(outputs: Iterable[str]) -> bool:
+    """Whether a result has to be read with its detections for these outputs, by name."""
+    return not set(outputs) <= set(_WITHOUT_DETECTIONS)
 
 
 def view(result: str | Path, *, session: str | Path | None = None, progress: Progress | bool | None = None) -> Path | None:

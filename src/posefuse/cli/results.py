@@ -6,7 +6,7 @@ from typing import Annotated, Literal
 from cyclopts import Parameter
 
 import posefuse as pf
-from posefuse.api.recording import NEED_NO_DETECTIONS
+from posefuse.api.recording import needs_detections
 from posefuse.foundation.summary import Facts, Heading
 
 from .options import MOST_S, Figures, Shown, positive
@@ -75,7 +75,7 @@ def export(
         session: Session the result was made from, for its images (default: a folder of its name near the result or here).
     """
     names = [name for name in outputs.split(",") if name]
-    recording = pf.read(result, observed=not {*names} <= {*NEED_NO_DETECTIONS})
+    recording = pf.read(result, observed=needs_detections(names))
     with terminal.stages() as progress:
         made = recording.export(out, names, session=session, progress=progress)
     files, people = [path.relative_to(out.resolve()).as_posix() for path in made.files], len(recording.poses.person_id)

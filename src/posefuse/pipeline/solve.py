@@ -62,7 +62,7 @@ def solve(observations: Observations, rig: Rig, provenance: Mapping[str, Any]) -
             person_id = only_person(person_id, rest.person_id, edits.person)
         solved = solve_followed(rest.with_person_ids(person_id), rig, provenance)
     except InputError as error:
-        raise InputError(f"{error}{left_out(edits.exclusions)}") from None
+        raise type(error)(f"{error}{left_out(edits.exclusions)}") from None
     if rest is observations:
         return solved
     all_ids = np.full(len(observations), NOT_KEPT)

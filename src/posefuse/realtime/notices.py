@@ -31,7 +31,8 @@ class News:
 
     Args:
         notices: of where views come from.
-        smaller: network to use where this machine is too slow, empty where there is none. None: views are of other machines.
+        smaller: names a network to use where this machine is too slow, empty where there is none; looked for only then.
+            None: views are of other machines.
     """
 
     def __init__(
@@ -40,7 +41,7 @@ class News:
         zero_ns: int,
         say: Say,
         notices: Callable[[], Iterable[str]] = tuple,
-        smaller: str | None = None,
+        smaller: Callable[[], str] | None = None,
     ) -> None:
         self._fusion, self._zero_ns, self._say, self._notices = fusion, zero_ns, say, notices
         # None, too, when a machine that is too slow was reported
@@ -95,7 +96,7 @@ class News:
         came, used = all_came - self._came, all_used - self._used
         self._counted_ns, self._came, self._used = now_ns, all_came, all_used
         if used < LEAST_SHARE * came:
-            other = f"`networks={self._smaller}`, " if self._smaller else ""
+            other = f"`networks={name}`, " if (name := self._smaller()) else ""
             self._smaller = None
             what = f"this computer processes {used / came:.0%} of the images"
             self._say_at(now_ns, what, f"use {other}fewer cameras, or cameras at a lower frame rate")

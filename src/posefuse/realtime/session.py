@@ -14,6 +14,7 @@ import threading
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import AbstractContextManager, ExitStack, contextmanager, suppress
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -168,7 +169,7 @@ def run_session(
             # what was compiled and loaded before is not the session's
             begun = os.times()
             options = config.detector.options
-            smaller = smaller_network(str(options.get("landmarks", options.get("card", ""))))
+            smaller = partial(smaller_network, str(options.get("landmarks", options.get("card", ""))))
             news = News(fusion, zero_ns, say, views.notices, None if remote else smaller)
             with punctual():
                 over = _until(plan.duration_s, zero_ns, fusion, news, stopped)

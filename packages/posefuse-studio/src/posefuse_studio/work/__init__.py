@@ -22,7 +22,7 @@ from pathlib import Path
 from typing import Any
 
 import posefuse as pf
-from posefuse.api.recording import NEED_NO_DETECTIONS
+from posefuse.api.recording import needs_detections
 from posefuse.core import InputError, PosefuseError
 from posefuse_studio.jobs import JOBS_FOLDER, Job, Jobs, Report
 from posefuse_studio.workspace import SessionAddress, StudioWorkspace, address_file, write_stored
@@ -150,8 +150,7 @@ def export_job(arguments: Arguments, workspace: StudioWorkspace, progress: pf.Pr
     """Files of ``result`` in the ``formats`` (names of outputs) of other programs, to ``out``."""
     out = workspace.path(arguments["out"])
     progress("read", 0, None, f"reading {arguments['result']}")
-    observed = not {*arguments["formats"]} <= {*NEED_NO_DETECTIONS}
-    recording = pf.read(workspace.existing(arguments["result"]), observed=observed)
+    recording = pf.read(workspace.existing(arguments["result"]), observed=needs_detections(arguments["formats"]))
     made = recording.export(out, arguments["formats"], within=workspace.root, progress=progress)
     return {"files": [workspace.name_of(path) for path in made.files], "failed": dict(made.failed)}
 
