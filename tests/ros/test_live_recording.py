@@ -1,5 +1,6 @@
 """A live session read as a recording, and solved a second time over all of time."""
 
+import functools
 from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, replace
@@ -327,7 +328,10 @@ def test_a_section_is_solved_as_from_the_whole_file_without_decoding_the_rest(
 # --- what a live recording holds: enough for a replay, and for viewers to draw the people unasked
 
 
-MESSAGES = list(made_up_messages())
+@functools.cache
+def messages() -> tuple[LiveMessage, ...]:
+    """Not made while tests are collected: the kernels of joint angles take every worker of a new machine 20 s to compile."""
+    return tuple(made_up_messages())
 
 
 def recorded(path: Path, *, images: bool) -> tuple[Path, list]:
@@ -335,10 +339,10 @@ def recorded(path: Path, *, images: bool) -> tuple[Path, list]:
     config = RecordConfig(path=path, images=images)
     output = config.build()
     output.take(made_up_start(1))
-    given = [message for message in MESSAGES if isinstance(message, config.takes)]
+    given = [message for message in messages() if isinstance(message, config.takes)]
     for message in given:
         output.take(message)
-    pose = next(message for message in MESSAGES if isinstance(message, LivePose) and len(message.pose.person_id) == 2)
+    pose = next(message for message in messages() if isinstance(message, LivePose) and len(message.pose.person_id) == 2)
     for i in range(100):
         output.take(replace(pose, pose=replace(pose.pose, t_ns=BEGIN_NS + i * 10_000_000)))
     output.close()
@@ -375,7 +379,7 @@ def test_a_session_that_did_not_start_leaves_no_file(tmp_path: Path) -> None:
 
 
 def test_keypoints_are_drawn_where_they_are_in_the_small_image() -> None:
-    view = next(m.detections for m in MESSAGES if isinstance(m, LiveDetections) and len(m.detections) > 0)
+    view = next(m.detections for m in messages() if isinstance(m, LiveDetections) and len(m.detections) > 0)
     msg = annotations_of_view(view, (320, 240), (640, 480))
     assert len(msg.points) == 2 * len(view)
     bones, points = msg.points[:2]
