@@ -82,6 +82,18 @@ def test_two_detections_of_a_person_find_those_of_the_other_cameras(ring_rig, bo
         np.testing.assert_array_equal(pose, joint_points(found, refined, settings.tolerance_m))
 
 
+def test_the_share_that_agrees_is_of_the_keypoints_that_both_know(ring_rig, body):
+    rng, rig, pose = np.random.default_rng(5), ring_rig(4), crowd(body, "here")
+    reports, _ = detections(rig, pose, noise_px=0.0)
+    seen, wrong, known = rng.random((4, 17)) < 0.7, rng.random((4, 17)) < 0.4, rng.random(17) < 0.8
+    for c, report in enumerate(reports):
+        xy = report.xy_img + np.where(wrong[c], 400.0, 0.0)[:, None]
+        reports[c] = built.detections(report.camera, xy, score=np.where(seen[c], 0.8, 0.0)[None])
+    share = agreement(candidates_from_detections(reports, rig), np.where(known[:, None], pose, np.nan), 0.1)[1]
+    expected = (seen & known & ~wrong).sum(axis=1) / (seen & known).sum(axis=1)
+    np.testing.assert_array_equal(share[0], expected)
+
+
 @pytest.mark.parametrize(("agreeing", "belongs"), [(6, False), (7, True)])
 def test_a_detection_belongs_to_a_person_where_enough_of_its_keypoints_agree(ring_rig, body, agreeing, belongs):
     """Of 17 keypoints a share of 0.4 is seven, also of the only detection of a camera."""
