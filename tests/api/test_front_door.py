@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import inspect
+import math
 import shutil
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
@@ -68,7 +69,7 @@ def test_values_print_in_one_short_line(ring_rig) -> None:
 # --- what a function would ignore or take for something else is refused, with the right spelling
 
 
-KINDS = ("bool", "Sequence[str]", "Mapping[str, Any]")
+KINDS = ("bool", "Sequence[str]", "Mapping[str, float]", "Mapping[str, Any]")
 
 
 def public_functions() -> list[Callable[..., Any]]:
@@ -94,6 +95,7 @@ def example(
     flag: bool = True,
     count: int | None = None,
     names: Sequence[str] = (),
+    late_s: Mapping[str, float] | None = None,
     settings: Mapping[str, Any] | None = None,
 ) -> str:
     """Any function."""
@@ -109,6 +111,8 @@ def example(
         ({"count": True}, "count: expected a whole number, got True"),
         ({"names": "trc"}, "names: expected a list of names, got 'trc'"),
         ({"names": [3]}, "names: expected a list of names"),
+        ({"late_s": 0.1}, "late_s: expected finite numbers by name, got 0.1"),
+        ({"late_s": {"cam00": math.nan}}, "late_s: expected finite numbers by name, got {'cam00': nan}"),
         ({"settings": "smooth.raw=2"}, r"settings: expected settings by dotted key, \{'KEY': VALUE\}, got 'smooth.raw=2'"),
     ],
 )  # fmt: skip
@@ -122,7 +126,7 @@ def test_arguments_by_place_are_checked_as_those_by_name(make_recording: Callabl
 
 
 def test_what_fits_passes_and_other_errors_are_those_of_python() -> None:
-    assert example("a", flag=False, count=3, names=("trc",), settings={"a": 1}) == "a"
+    assert example("a", flag=False, count=3, names=("trc",), late_s={"cam00": 0.1}, settings={"a": 1}) == "a"
     assert example("a", count=None, settings=None) == "a"
     refusal(TypeError, "unexpected keyword argument 'flags'", example, "a", flags=True)
 

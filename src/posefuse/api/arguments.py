@@ -7,6 +7,7 @@ from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from functools import wraps
 from inspect import signature
+from math import isfinite
 from numbers import Integral, Real
 from typing import Any, ParamSpec, TypeVar
 
@@ -23,6 +24,10 @@ _EXPECTED: dict[str, tuple[str, Callable[[Any], bool]]] = {
     "int": ("a whole number", lambda value: isinstance(value, Integral) and not isinstance(value, bool)),
     "float": ("a number", lambda value: isinstance(value, Real) and not isinstance(value, bool | np.bool_)),
     "Sequence[str]": ("a list of names", lambda value: not isinstance(value, str) and all(isinstance(one, str) for one in value)),
+    "Mapping[str, float]": (
+        "finite numbers by name",
+        lambda value: isinstance(value, Mapping) and all(isinstance(one, Real) and isfinite(one) for one in value.values()),
+    ),
     "Mapping[str, Any]": ("settings by dotted key, {'KEY': VALUE}", lambda value: isinstance(value, Mapping)),
 }
 
