@@ -149,3 +149,8 @@ def test_the_outputs_of_the_settings_file_are_written_unless_others_are_named(
     (own / "posefuse.toml").write_text('outputs = ["trc"]\n')
     pf.track(own, out=tmp_path / "result", formats=formats, end_s=0.3, settings=oracle())
     assert {path.name for path in (tmp_path / "result").glob("pose.*") if path.suffix != ".json"} == written
+
+
+def test_an_output_named_twice_is_written_once(make_recording: Callable[..., pf.Recording], tmp_path: Path) -> None:
+    files = make_recording().export(tmp_path / "a", ["csv", "csv"]).files
+    assert len(files) == len(set(files))

@@ -111,7 +111,7 @@ class SkeletonSink(Sink, Protocol):
 
 
 def build_sinks(outputs: Sequence[str] | Mapping[str, Mapping[str, Any]], skeleton: Skeleton | None = None) -> list[Sink]:
-    """The outputs of these names, each with its options where they have some.
+    """The outputs of these names, each once, with its options where it has some.
 
     Args:
         skeleton: of the recording to be written, where it is known.
@@ -121,7 +121,7 @@ def build_sinks(outputs: Sequence[str] | Mapping[str, Mapping[str, Any]], skelet
             work is done.
     """
     options = outputs if isinstance(outputs, Mapping) else dict[str, Mapping[str, Any]]()
-    sinks: list[Sink] = [build_plugin("outputs", name, options.get(name, {})) for name in outputs]
+    sinks: list[Sink] = [build_plugin("outputs", name, options.get(name, {})) for name in dict.fromkeys(outputs)]
     for sink in sinks:
         if skeleton is not None and isinstance(sink, SkeletonSink):
             sink.check(skeleton)
