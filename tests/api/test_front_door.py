@@ -151,6 +151,13 @@ def test_the_outputs_of_the_settings_file_are_written_unless_others_are_named(
     assert {path.name for path in (tmp_path / "result").glob("pose.*") if path.suffix != ".json"} == written
 
 
+def test_names_without_a_person_are_said(demo_session: Path) -> None:
+    said: list[str] = []
+    settings = oracle() | {"names": ["Ada", "Ben", "Cleo"]}
+    pf.track(demo_session, end_s=0.3, settings=settings, progress=lambda stage, done, of, line=None: said.append(line or ""))
+    assert "1 person found: no one has the name Ben, Cleo" in said
+
+
 def test_an_output_named_twice_is_written_once(make_recording: Callable[..., pf.Recording], tmp_path: Path) -> None:
     files = make_recording().export(tmp_path / "a", ["csv", "csv"]).files
     assert len(files) == len(set(files))

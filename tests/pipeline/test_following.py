@@ -218,6 +218,11 @@ def test_the_first_time_step_is_the_one_nearest_to_the_first_frame(early_ms: int
     assert abs(line.start_ns - early_ms * 1_000_000) <= line.period_ns // 2
 
 
+def test_single_images_have_time_steps_of_a_usual_camera() -> None:
+    line = common_timeline({"a": np.array([0]), "b": np.array([100_000_000])}, None, None, None)
+    assert (line.period_ns, line.count) == (33_333_333, 4)
+
+
 @pytest.mark.parametrize("to_ns", [1_000, 1_000_000])
 def test_the_rate_is_that_of_the_camera_however_its_file_rounds_times(to_ns: int) -> None:
     frames = np.delete(np.arange(3000), [7, 1200, 1201])
