@@ -8,6 +8,7 @@ from __future__ import annotations
 import contextlib
 import os
 import struct
+import time
 import warnings
 from collections.abc import Callable, Collection, Iterator, Mapping
 from pathlib import Path
@@ -116,6 +117,8 @@ def _damage() -> tuple[type[BaseException], ...]:
 
 _MAX_MESSAGE_BYTES = 2**28
 _CHUNK_BYTES = 2**18
+# so often it is looked whether the file is still there
+_LOOK_S = 1.0
 _NOTES = "posefuse_live"
 Warn = Callable[[str], None]
 """Takes the one line about what is missing of a recording that was cut off; `warnings.warn` where none is given."""
@@ -124,10 +127,11 @@ Warn = Callable[[str], None]
 class Recorder(Closing):
     """Writes messages to one .mcap file as they come (`topics.Outlet`).
 
-    The file is whole after `close`; cut off before that it still holds all but the last part of a second or so.
+    The file is whole after `close`; cut off before that it still holds all but the last part of a second or so. Once a second
+    it is looked for: what is written to one that is gone would be lost.
 
     Raises:
-        InputError: the file cannot be made, or already exists.
+        InputError: the file cannot be made, or already exists; when writing: it was removed, or its disk unplugged.
     """
 
     def __init__(self, path: Path) -> None:
@@ -144,7 +148,7 @@ class Recorder(Closing):
         self._schemas: dict[str, int] = {}
         self._channels: dict[str, int] = {}
         self._counts: dict[str, int] = {}
-        self._open = True
+        self._looked_s, self._open = time.monotonic(), True
 
     def publish(self, topic: Topic, msg: Any, t_ns: int) -> None:
         """Record one message of the time `t_ns`; raises OSError when the disk is full."""
@@ -152,14 +156,16 @@ class Recorder(Closing):
 
     def write(self, topic: Topic, raw: bytes, logged_ns: int, sent_ns: int) -> None:
         """Record ready-made CDR bytes, e.g. as they came from a `dds.Reader`."""
+        if time.monotonic() - self._looked_s > _LOOK_S:
+            self._looked_s = time.monotonic()
+            self._check_there()
         channel = self._channels.get(topic.name)
         if channel is None:
             channel = self._channels[topic.name] = self._register(topic)
         seq = self._counts[topic.name] = self._counts.get(topic.name, -1) + 1
         self._writer.add_message(channel, logged_ns, raw, sent_ns, seq)
 
-    def check_there(self) -> None:
-        """Raise InputError where the file was removed or its disk unplugged: what is written then is lost."""
+    def _check_there(self) -> None:
         try:
             if os.path.samestat(os.fstat(self._file.fileno()), self.path.stat()):
                 return
