@@ -81,7 +81,8 @@ class McapSink:
                 output = RosOutput(recorder, recording.rig, epoch_offset_ns=offset_ns)
                 output.start(begin_ns)
                 poses = (_present(recording.poses.at(i)) for i in range(len(recording.poses)))
-                for one in merge(_views(recording), poses, key=attrgetter("t_ns")):
+                in_order: Iterator[Detections2D | Pose3D] = merge(_views(recording), poses, key=attrgetter("t_ns"))
+                for one in in_order:
                     if isinstance(one, Pose3D):
                         output.step(one)
                     else:
