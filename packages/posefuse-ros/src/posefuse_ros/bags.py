@@ -199,6 +199,8 @@ class Recorder(Closing):
         """Write the header now: a full disk is known at once, and leaves no empty file."""
         try:
             self._writer.start(profile="ros2", library="posefuse")
+            # by it rosbag2 from Jazzy on knows that policies of topics are numbers, which earlier ones expect
+            self._writer.add_metadata("rosbag2", {"ROS_DISTRO": "humble"})
             self._file.flush()
         except OSError as error:
             with contextlib.suppress(OSError):
@@ -346,15 +348,20 @@ def _check_definition(path: Path, schema: Any) -> None:
             raise MessageError(f"{fault}: {name} differs; convert the recording or use the version that made it")
 
 
+_KEEP_LAST, _AUTOMATIC = 1, 1
+_RELIABLE, _BEST_EFFORT = 1, 2
+_TRANSIENT_LOCAL, _VOLATILE = 1, 2
+
+
 def _qos_yaml(topic: Topic) -> str:
-    """How `ros2 bag play` should offer the topic (rosbag2 metadata version 9)."""
+    """How `ros2 bag play` should offer the topic (rosbag2 metadata version 8): policies are numbers of `rmw/types.h`."""
     return (
-        f"- history: keep_last\n  depth: {topic.depth}\n"
-        f"  reliability: {'reliable' if topic.reliable else 'best_effort'}\n"
-        f"  durability: {'transient_local' if topic.latched else 'volatile'}\n"
+        f"- history: {_KEEP_LAST}\n  depth: {topic.depth}\n"
+        f"  reliability: {_RELIABLE if topic.reliable else _BEST_EFFORT}\n"
+        f"  durability: {_TRANSIENT_LOCAL if topic.latched else _VOLATILE}\n"
         "  deadline:\n    sec: 9223372036\n    nsec: 854775807\n"
         "  lifespan:\n    sec: 9223372036\n    nsec: 854775807\n"
-        "  liveliness: automatic\n"
+        f"  liveliness: {_AUTOMATIC}\n"
         "  liveliness_lease_duration:\n    sec: 9223372036\n    nsec: 854775807\n"
         "  avoid_ros_namespace_conventions: false\n"
     )
