@@ -73,6 +73,8 @@ def test_a_wrong_folder_names_the_camera(tmp_path: Path, folder: Path) -> None:
     empty = tmp_path / "empty"
     empty.mkdir()
     refusal(SourceError, r"camera left: .*got none", lambda: DepthSource(late(), empty))
+    # named by the time of the session, not by that of the video: all images had been left out without a word
+    refusal(SourceError, r"camera left: .*no image is within 2 ms of a frame", lambda: DepthSource(late(), folder))
     (folder / depth_name(0)).write_bytes(b"no image")
     with pytest.raises(SourceError, match=r"camera left: .*expected a depth image"):
         list(DepthSource(late(), folder, offset_s=0.5, drift_ppm=50).frames())

@@ -44,7 +44,7 @@ from posefuse.realtime.outputs import notes_of
 from posefuse_ros import bags, live_recording, topics
 from posefuse_ros.bags import Recorder, read_detections, read_mcap, read_poses
 from posefuse_ros.markers import annotations_of_view
-from posefuse_ros.mcap_output import RecordConfig
+from posefuse_ros.mcap_output import McapSink, RecordConfig
 
 pytest.importorskip("rosbags", reason="the extra `ros` is not installed")
 
@@ -153,6 +153,19 @@ def test_exact_views_of_unsynchronised_cameras_solve_to_the_truth(tmp_path: Path
     write_recording(tmp_path, solved)
     again = solve_again(read_recording(tmp_path))
     assert_same((again.observations, again.poses), (solved.observations, solved.poses))
+
+
+@pytest.mark.parametrize("offset_ns", [None, 0])
+def test_an_exported_session_is_the_session(tmp_path: Path, rig: Rig, offset_ns: int | None) -> None:
+    """Every frame has its own time; interpolated to the output ticks, views had been solved to other poses."""
+    record(tmp_path / "a.mcap", rig, frames_of(rig, 30, lost=0.2), poses_of(90))
+    live = live_recording.read(tmp_path / "a.mcap")
+    # as where the first frame was exposed before the first output tick
+    live = replace(live, observations=replace(live.observations, frame_t_ns=live.observations.frame_t_ns - 1_000_000))
+    (path,) = McapSink(epoch_offset_ns=offset_ns).build().write(live, tmp_path)
+    back = live_recording.read(path, pytest.fail)
+    assert_same((back.observations, back.poses.xyz_world), (live.observations, live.poses.xyz_world))
+    assert_same(solve_again(back).poses, solve_again(live).poses)
 
 
 def test_every_detection_finds_its_person(tmp_path: Path, rig: Rig) -> None:

@@ -20,7 +20,7 @@ pytest.importorskip("mujoco")
 pytest.importorskip("daqp")
 
 from posefuse.cli import main as cli
-from posefuse.core import ConfigError, SourceError
+from posefuse.core import ConfigError, InputError, SourceError
 from posefuse_teleop.process import RobotLink, RobotPlan
 from posefuse_teleop.settings import TeleoperationSettings
 
@@ -93,6 +93,19 @@ def test_a_recording_that_fails_stops_the_robot_first(tmp_path, capfd):
         refusal(SourceError, "robot.mcap: cannot be written", set_moving, made, math.inf)
         assert speed(made.state) == 0.0 and made.state.order_seq == -1
     assert capfd.readouterr().err == ""
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="Windows removes no file that is open")
+def test_a_recording_whose_folder_is_removed_stops_the_robot(tmp_path):
+    pytest.importorskip("rosbags", reason="a recording needs the extra ros")
+    folder = tmp_path / "recorded"
+    folder.mkdir()
+    with closing(RobotLink(replace(PLAN, record=folder / "robot.mcap"))) as made:
+        made.wait_ready()
+        set_moving(made)
+        shutil.rmtree(folder)
+        refusal(InputError, "robot.mcap: the file is gone", set_moving, made, math.inf)
+        assert speed(made.state) == 0.0 and made.state.order_seq == -1
 
 
 def test_a_robot_that_cannot_be_driven_is_reported_in_one_line():

@@ -1,10 +1,11 @@
 """Robots over ROS 2: what one that is silent, does not follow or loses its driver is sent, and a node that stands for one."""
 
+import shutil
 import signal
 import threading
 import time
 from collections import defaultdict
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
 from dataclasses import replace
 from types import SimpleNamespace
 
@@ -17,8 +18,9 @@ from scipy.interpolate import CubicHermiteSpline
 
 from bench.rehearsal.faults import engaged_world, tick
 from bench.rehearsal.world import settings_for
-from posefuse.core import SE3, ConfigError, MessageError, SourceError
+from posefuse.core import SE3, ConfigError, InputError, MessageError, SourceError
 from posefuse.foundation.requests_to_end import REQUESTS_TO_END
+from posefuse_ros import bags
 from posefuse_ros.bags import Recorder, read_mcap
 from posefuse_ros.dds import Sample
 from posefuse_ros.dds_domain import Network
@@ -125,6 +127,33 @@ def test_messages_without_a_stamp_count_by_their_arrival(clock):
         clock.s += DT_S
         node.send(TF.name, tf_message(0.0, *arm()))
         assert not robot.state().fault
+
+
+@pytest.mark.parametrize(("off_s", "fault"), [(0.19, ""), (-0.19, ""), (3.0, "are 3.0 s ahead of"), (-3.0, "are 3.0 s behind")])
+@pytest.mark.parametrize("command", ["pose", "twist", "joints"])
+def test_a_robot_on_another_clock_has_a_fault(clock, jointed, command, off_s, fault):
+    """Its controllers judge by their clock how old a command is: one that is behind would follow the last command for as long."""
+    node, robot = jointed if command == "joints" else cartesian(command, clock)
+    for _ in range(3):
+        clock.s += DT_S
+        node.send(TF.name, tf_message(clock.s + off_s, *arm()))
+        node.send(JOINT_STATES, joint_state(clock.s + off_s, ARM_HOME_RAD))
+        found = robot.state().fault
+        assert fault in found and bool(found) == bool(fault)
+
+
+def test_a_transform_stamped_for_later_shows_no_other_clock(clock):
+    node, robot = cartesian("pose", clock)
+    node.send(TF.name, tf_message(clock.s + 1.0, arm()[1]))
+    assert not robot.state().fault
+
+
+def test_positions_without_a_stamp_need_no_common_clock(clock):
+    node = Node()
+    chain = Chain(mujoco_model(None, ("right",)), ("right_hand",), LimitSettings().collision_m)
+    robot = RosJoints(node, replace(PLAN, controller="/arm/commands", stamped=False), chain, LimitSettings(), PLACE)
+    node.send(JOINT_STATES, joint_state(clock.s + 3.0, ARM_HOME_RAD))
+    assert robot.known() and not robot.state().fault
 
 
 def test_a_robot_whose_pose_comes_as_static_transforms_only_is_not_known_to_live(clock):
@@ -523,6 +552,18 @@ def test_a_robot_whose_state_never_comes_leaves_the_network(monkeypatch):
     plan = SimpleNamespace(node=lambda name: node, base_frame="base")
     refusal(SourceError, "nothing of /tf from base to tool came", open_ros_robot, "pose", plan, None, ("tool",), SETTINGS)
     assert node.closed
+
+
+def test_a_recording_whose_folder_is_removed_is_no_recording(tmp_path, monkeypatch):
+    monkeypatch.setattr(bags, "_LOOK_S", 0.0)
+    folder = tmp_path / "recorded"
+    folder.mkdir()
+    world = engaged_world(settings_for("point", roomy=False), 0)
+    with closing(Reporter(Recorder(folder / "robot.mcap"), world.settings)) as reporter:
+        tick(world, set())
+        reporter.take(world.state, world.driver.follower.order)
+        shutil.rmtree(folder)
+        refusal(InputError, "the file is gone", reporter.take, world.state, world.driver.follower.order)
 
 
 def test_state_target_box_and_diagnostics_are_recorded(tmp_path):

@@ -13,7 +13,7 @@ from __future__ import annotations
 import csv
 import itertools
 import json
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict, fields
 from pathlib import Path
 from typing import Any
@@ -92,10 +92,20 @@ class DepthFolder:
 
     def at(self, t_ns: int, size_wh: tuple[int, int]) -> DepthImage | None:
         """The image of a frame at this time of the file; None where there is none. Raises InputError for a wrong one."""
+        path = self._path_of(t_ns)
+        return None if path is None else DepthImage(values=_read(path, size_wh), unit_m=self._unit_m, noise=self._noise)
+
+    def check_times(self, t_ns: Sequence[int]) -> None:
+        """Raise InputError where no image belongs to any frame at these times of the file: the names are in other times."""
+        if not any(self._path_of(one_ns) for one_ns in t_ns):
+            raise InputError(
+                f"expected names in microseconds of the video's own time, but no image is within {_SAME_NS / 1e6:g} ms of "
+                f"a frame (first image {self._paths[0].name}, first frame {depth_name(t_ns[0]) if len(t_ns) else 'missing'})"
+            )
+
+    def _path_of(self, t_ns: int) -> Path | None:
         nearest = int(np.abs(self._t_ns - t_ns).argmin())
-        if abs(int(self._t_ns[nearest]) - t_ns) > _SAME_NS:
-            return None
-        return DepthImage(values=_read(self._paths[nearest], size_wh), unit_m=self._unit_m, noise=self._noise)
+        return self._paths[nearest] if abs(int(self._t_ns[nearest]) - t_ns) <= _SAME_NS else None
 
 
 def _read(path: Path, size_wh: tuple[int, int]) -> Array:

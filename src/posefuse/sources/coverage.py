@@ -132,7 +132,7 @@ class DepthSource(_SourceOf):
         offset_s, drift_ppm: those of the source, which the names of the depth images do not contain.
 
     Raises:
-        SourceError: the folder holds something else.
+        SourceError: the folder holds something else, or images of other times.
     """
 
     def __init__(self, source: RecordedSource, folder: Path, offset_s: float = 0.0, drift_ppm: float = 0.0) -> None:
@@ -140,6 +140,7 @@ class DepthSource(_SourceOf):
         self._offset_ns, self._stretch = offset_s * 1e9, 1 + drift_ppm * 1e-6
         try:
             self._depth = DepthFolder(folder)
+            self._depth.check_times([self._own_ns(t_ns) for t_ns in source.times_ns().tolist()])
         except (InputError, OSError) as error:
             raise SourceError(f"{folder}: camera {source.camera}: {error}") from None
 
@@ -154,7 +155,11 @@ class DepthSource(_SourceOf):
     def _with_depth(self, frames: Iterator[Frame]) -> Iterator[Frame]:
         for frame in frames:
             try:
-                depth = self._depth.at(round((frame.t_ns - self._offset_ns) / self._stretch), frame.size_wh)
+                depth = self._depth.at(self._own_ns(frame.t_ns), frame.size_wh)
             except InputError as error:
                 raise SourceError(f"camera {self.camera}: {error}") from None
             yield replace(frame, depth=depth)
+
+    def _own_ns(self, t_ns: int) -> int:
+        """Time in the file of a frame at a time of the session."""
+        return round((t_ns - self._offset_ns) / self._stretch)

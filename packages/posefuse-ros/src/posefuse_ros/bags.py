@@ -8,6 +8,7 @@ from __future__ import annotations
 import contextlib
 import os
 import struct
+import time
 import warnings
 from collections.abc import Callable, Collection, Iterator, Mapping
 from pathlib import Path
@@ -116,6 +117,8 @@ def _damage() -> tuple[type[BaseException], ...]:
 
 _MAX_MESSAGE_BYTES = 2**28
 _CHUNK_BYTES = 2**18
+# so often it is looked whether the file is still there
+_LOOK_S = 1.0
 _NOTES = "posefuse_live"
 Warn = Callable[[str], None]
 """Takes the one line about what is missing of a recording that was cut off; `warnings.warn` where none is given."""
@@ -124,10 +127,11 @@ Warn = Callable[[str], None]
 class Recorder(Closing):
     """Writes messages to one .mcap file as they come (`topics.Outlet`).
 
-    The file is whole after `close`; cut off before that it still holds all but the last part of a second or so.
+    The file is whole after `close`; cut off before that it still holds all but the last part of a second or so. Once a second
+    it is looked for: what is written to one that is gone would be lost.
 
     Raises:
-        InputError: the file cannot be made, or already exists.
+        InputError: the file cannot be made, or already exists; when writing: it was removed, or its disk unplugged.
     """
 
     def __init__(self, path: Path) -> None:
@@ -144,7 +148,7 @@ class Recorder(Closing):
         self._schemas: dict[str, int] = {}
         self._channels: dict[str, int] = {}
         self._counts: dict[str, int] = {}
-        self._open = True
+        self._looked_s, self._open = time.monotonic(), True
 
     def publish(self, topic: Topic, msg: Any, t_ns: int) -> None:
         """Record one message of the time `t_ns`; raises OSError when the disk is full."""
@@ -152,14 +156,16 @@ class Recorder(Closing):
 
     def write(self, topic: Topic, raw: bytes, logged_ns: int, sent_ns: int) -> None:
         """Record ready-made CDR bytes, e.g. as they came from a `dds.Reader`."""
+        if time.monotonic() - self._looked_s > _LOOK_S:
+            self._looked_s = time.monotonic()
+            self._check_there()
         channel = self._channels.get(topic.name)
         if channel is None:
             channel = self._channels[topic.name] = self._register(topic)
         seq = self._counts[topic.name] = self._counts.get(topic.name, -1) + 1
         self._writer.add_message(channel, logged_ns, raw, sent_ns, seq)
 
-    def check_there(self) -> None:
-        """Raise InputError where the file was removed or its disk unplugged: what is written then is lost."""
+    def _check_there(self) -> None:
         try:
             if os.path.samestat(os.fstat(self._file.fileno()), self.path.stat()):
                 return
@@ -193,6 +199,8 @@ class Recorder(Closing):
         """Write the header now: a full disk is known at once, and leaves no empty file."""
         try:
             self._writer.start(profile="ros2", library="posefuse")
+            # by it rosbag2 from Jazzy on knows that policies of topics are numbers, which earlier ones expect
+            self._writer.add_metadata("rosbag2", {"ROS_DISTRO": "humble"})
             self._file.flush()
         except OSError as error:
             with contextlib.suppress(OSError):
@@ -340,15 +348,20 @@ def _check_definition(path: Path, schema: Any) -> None:
             raise MessageError(f"{fault}: {name} differs; convert the recording or use the version that made it")
 
 
+_KEEP_LAST, _AUTOMATIC = 1, 1
+_RELIABLE, _BEST_EFFORT = 1, 2
+_TRANSIENT_LOCAL, _VOLATILE = 1, 2
+
+
 def _qos_yaml(topic: Topic) -> str:
-    """How `ros2 bag play` should offer the topic (rosbag2 metadata version 9)."""
+    """How `ros2 bag play` should offer the topic (rosbag2 metadata version 8): policies are numbers of `rmw/types.h`."""
     return (
-        f"- history: keep_last\n  depth: {topic.depth}\n"
-        f"  reliability: {'reliable' if topic.reliable else 'best_effort'}\n"
-        f"  durability: {'transient_local' if topic.latched else 'volatile'}\n"
+        f"- history: {_KEEP_LAST}\n  depth: {topic.depth}\n"
+        f"  reliability: {_RELIABLE if topic.reliable else _BEST_EFFORT}\n"
+        f"  durability: {_TRANSIENT_LOCAL if topic.latched else _VOLATILE}\n"
         "  deadline:\n    sec: 9223372036\n    nsec: 854775807\n"
         "  lifespan:\n    sec: 9223372036\n    nsec: 854775807\n"
-        "  liveliness: automatic\n"
+        f"  liveliness: {_AUTOMATIC}\n"
         "  liveliness_lease_duration:\n    sec: 9223372036\n    nsec: 854775807\n"
         "  avoid_ros_namespace_conventions: false\n"
     )

@@ -7,11 +7,12 @@ from __future__ import annotations
 
 import json
 import shutil
-import time
 from collections.abc import Iterator, Mapping
 from contextlib import suppress
 from dataclasses import replace
 from datetime import datetime
+from heapq import merge
+from operator import attrgetter
 from pathlib import Path
 from typing import Any, ClassVar
 
@@ -79,10 +80,15 @@ class McapSink:
                 recorder.note(_notes(recording, offset_ns))
                 output = RosOutput(recorder, recording.rig, epoch_offset_ns=offset_ns)
                 output.start(begin_ns)
-                for i in range(len(recording.poses)):
-                    for view in _views(recording, i, offset_ns):
-                        recorder.publish(topics.DETECTIONS, message_from_detections(view, {}), view.t_ns)
-                    output.step(_present(recording.poses.at(i)))
+                poses = (_present(recording.poses.at(i)) for i in range(len(recording.poses)))
+                in_order: Iterator[Detections2D | Pose3D] = merge(_views(recording), poses, key=attrgetter("t_ns"))
+                for one in in_order:
+                    if isinstance(one, Pose3D):
+                        output.step(one)
+                    else:
+                        stamped = replace(one, t_ns=one.t_ns + offset_ns)
+                        # the first frames of a session were exposed a little before its time 0
+                        recorder.publish(topics.DETECTIONS, message_from_detections(stamped, {}), max(stamped.t_ns, 0))
         return [path]
 
 
@@ -109,12 +115,22 @@ def _present(pose: Pose3D) -> Pose3D:
     return pose.people(np.asarray(here))
 
 
-def _views(recording: Recording, i: int, epoch_offset_ns: int) -> Iterator[Detections2D]:
+def _views(recording: Recording) -> Iterator[Detections2D]:
+    """Of a live session every frame at its own time; of others what each camera saw of the people at the time steps."""
+    if recording.is_live:
+        log = recording.observations
+        yield from (log.detections(i) for i in np.argsort(log.frame_t_ns, kind="stable").tolist())
+    else:
+        for i in range(len(recording.poses)):
+            yield from _views_at(recording, i)
+
+
+def _views_at(recording: Recording, i: int) -> Iterator[Detections2D]:
     """What each camera saw at time step i, people as fused."""
     for c, camera in enumerate(recording.rig):
         score = recording.views.score[i, :, c]
         here = (score > 0).any(axis=-1)
-        t_ns, skeleton, views = int(recording.poses.t_ns[i]) + epoch_offset_ns, recording.poses.skeleton, recording.views
+        t_ns, skeleton, views = int(recording.poses.t_ns[i]), recording.poses.skeleton, recording.views
         xy, sigma = views.xy_img[i, here, c], views.sigma_px[i, here, c]
         view = Detections2D.of(camera.name, t_ns, skeleton, xy, score[here], sigma)
         yield view if views.depth_m is None else replace(view, depth_m=views.depth_m[i, here, c])
@@ -123,8 +139,6 @@ def _views(recording: Recording, i: int, epoch_offset_ns: int) -> Iterator[Detec
 SUFFIX = ".mcap"
 # a part that ends in its first second again is of no use
 _LEAST_FREE_BYTES = 4 * 2**20
-# so often it is looked whether the file is still there
-_LOOK_S = 1.0
 _TAKES = (LiveDetections, LivePose, LiveJointCentres, LiveNames, LiveHealth)
 # topics of a body that follow from others
 _NOT_RECORDED = frozenset(topics.BODY_PARTS) - {"joint_states", "joint_angles", "urdf"}
@@ -197,7 +211,6 @@ class RecordOutput:
         self._node: Any = None
         self._clock: Any = None
         self._shown = ShownTimes()
-        self._looked_s = 0.0
         self._views: dict[str, Detections2D] = {}
         # whether the session got as far as a view or a pose
         self._filled = False
@@ -209,9 +222,6 @@ class RecordOutput:
 
     def take(self, message: LiveMessage) -> None:
         """See `LiveOutput`."""
-        if self._recorder is not None and time.monotonic() - self._looked_s > _LOOK_S:
-            self._looked_s = time.monotonic()
-            self._recorder.check_there()
         match message:
             case LiveStart():
                 self._open(message)

@@ -12,9 +12,8 @@ commanded, the robot has a fault.
 
 from __future__ import annotations
 
-import math
 import time
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from contextlib import ExitStack, suppress
 from itertools import pairwise
 from pathlib import Path
@@ -25,7 +24,7 @@ import numpy as np
 from posefuse.core import SE3, ConfigError, MessageError, SourceError
 from posefuse.core.arrays import Array
 from posefuse.core.se3 import quaternion_product
-from posefuse_ros.messages import header, pose_stamped, twist, twist_stamped
+from posefuse_ros.messages import header, ns_from_time, pose_stamped, twist, twist_stamped
 from posefuse_ros.topics import TF, TF_STATIC, Topic
 from posefuse_ros.types import decode, message
 
@@ -169,19 +168,34 @@ class _Renewals:
     """
 
     def __init__(self) -> None:
-        self._stamps: dict[str, tuple[int, int]] = {}
+        self._stamps: dict[str, int] = {}
         self._new_s: dict[str, float] = {}
+        # stamp less this computer's clock
+        self._off_s: dict[str, float] = {}
 
     def take(self, name: str, stamp: Any) -> None:
         """One message's stamp."""
-        now = stamp.sec, stamp.nanosec
-        if now == (0, 0) or now != self._stamps.get(name):
-            self._stamps[name], self._new_s[name] = now, time.monotonic()
+        stamp_ns = ns_from_time(stamp)
+        if stamp_ns == 0 or stamp_ns != self._stamps.get(name):
+            self._stamps[name], self._new_s[name] = stamp_ns, time.monotonic()
+            if stamp_ns:
+                self._off_s[name] = (stamp_ns - time.time_ns()) / 1e9
 
-    def age_s(self, names: Iterable[str]) -> float:
-        """Of the oldest one; infinite where none of them reported."""
+    def fault(self, names: Collection[str], words: str, *, same_clock: bool) -> str:
+        """What is wrong with the newest reports of `names`; empty: nothing.
+
+        Args:
+            words: where they come from. same_clock: the robot compares the stamps of what it is sent with its own clock.
+        """
         known = [self._new_s[name] for name in names if name in self._new_s]
-        return time.monotonic() - min(known) if known else math.inf
+        if not known or time.monotonic() - min(known) > _STATE_S:
+            return f"nothing new of {words} for {_STATE_S:g} s"
+        # of several the one that agrees best: some programs stamp transforms for later
+        off_s = min((self._off_s[name] for name in names if name in self._off_s), key=abs, default=0.0)
+        if same_clock and abs(off_s) > _STATE_S:
+            way = "ahead of" if off_s > 0 else "behind"
+            return f"stamps of {words} are {abs(off_s):.1f} s {way} this computer's clock: set both clocks by NTP or PTP"
+        return ""
 
 
 class RosJoints:
@@ -208,7 +222,7 @@ class RosJoints:
     def known(self) -> bool:
         """Whether all joints of the arm have been reported; the first report is the start position of the robot."""
         self._listen()
-        if self._renewals.age_s([self.needs]) < math.inf and not self._begun:
+        if np.isfinite(self._reported).any() and not self._begun:
             self.joints.begin(self._measured)
             self._begun = True
         return self._begun
@@ -216,8 +230,8 @@ class RosJoints:
     def state(self) -> RobotState:
         """See `Robot`."""
         self._listen()
-        silent = self._renewals.age_s([self.needs]) > _STATE_S
-        return self.joints.state(self._measured, f"nothing on {self.needs} for {_STATE_S:g} s" if silent else "")
+        stamped = self._arm.type_name == _TRAJECTORY or self._plan.stamped
+        return self.joints.state(self._measured, self._renewals.fault([self.needs], self.needs, same_clock=stamped))
 
     def move(self, wanted: Follower, dt_s: float, left_out: int = 0) -> None:
         """See `Robot`."""
@@ -345,8 +359,8 @@ class RosCartesian:
             self._node.publish(topic, msg, t_ns)
 
     def _fault(self, xyz: Array, wxyz: Array) -> str:
-        if self._renewals.age_s(self._joining) > _STATE_S:
-            return f"nothing new of {self.needs} for {_STATE_S:g} s"
+        if fault := self._renewals.fault(self._joining, self.needs, same_clock=True):
+            return fault
         if self._twists:
             self._behind -= _motion(*self._last, xyz, wxyz) if len(self._last[0]) else 0.0
             self._last, apart = (xyz, wxyz), self._behind

@@ -19,8 +19,8 @@ from posefuse.foundation.settings import settings
 
 _S = 1_000_000_000
 _CLOCK_READINGS = 9
-# what a receiver that falls behind may still get
-_BUFFERED_S = 10
+# what a receiver that falls behind may still get, in hundreds of samples
+_BUFFERED = 10
 KEYPOINTS, ANGLES = "keypoints", "joint angles"
 
 
@@ -88,15 +88,16 @@ class LslOutput:
         name = f"{self._config.stream} {what}"
         # a receiver finds the stream of a session that was started again on the same machine by it
         source_id = f"{name} {os.uname().nodename if hasattr(os, 'uname') else 'host'} {start.rig.id}"
-        info = lsl.StreamInfo(name, "MoCap", len(labels), start.rate_hz, lsl.cf_double64, source_id)
+        # at a regular rate XDF readers replace the times by a straight line, which output ticks that were skipped would bend
+        info = lsl.StreamInfo(name, "MoCap", len(labels), lsl.IRREGULAR_RATE, lsl.cf_double64, source_id)
         info.set_channel_labels(labels)
         info.set_channel_units(units)
         info.set_channel_types("MoCap")
         about = info.desc().append_child("acquisition")
-        facts = {"software": "posefuse", "skeleton": skeleton, "rig_id": start.rig.id}
+        facts = {"software": "posefuse", "skeleton": skeleton, "rig_id": start.rig.id, "rate_hz": f"{start.rate_hz:g}"}
         for key, value in {**facts, "axes": "world: right-handed, z up", "missing": "NaN"}.items():
             about.append_child_value(key, value)
-        return lsl.StreamOutlet(info, max_buffered=_BUFFERED_S)
+        return lsl.StreamOutlet(info, max_buffered=_BUFFERED)
 
 
 def chosen_person(there: Sequence[int], before: int | None, wanted: int | None) -> int | None:
