@@ -10,13 +10,13 @@ import numpy as np
 import pytest
 from checks import refusal
 from figure import sequence_of
+from motions import columns_of
 
 from bench.angle_errors import angle_errors, joints_from_lab, poses_from_lab
 from posefuse.core import DependencyError, InputError, Recording, Skeleton
 from posefuse.core.observations import LIVE_STEP
 from posefuse.evaluation.biomechanics import BiomechanicsSettings, joints_of, write_biomechanics
 from posefuse.formats.c3d import C3dData, write_c3d
-from posefuse.formats.mot import read_mot
 from posefuse.kinematics import joints_from_poses
 from posefuse_sim.motion.bvh import read_bvh
 
@@ -70,7 +70,7 @@ def test_every_file_has_the_same_values(recording, tmp_path, fit):
     with (tmp_path / "angles.csv").open(encoding="utf-8", newline="") as file:
         written = [float(row["left_knee.flexion_deg"]) for row in csv.DictReader(file)]
     np.testing.assert_allclose(written, knee, atol=5.1e-5)
-    np.testing.assert_allclose(read_mot(tmp_path / "angles.mot").column("knee_angle_l"), knee, rtol=1e-8)
+    np.testing.assert_allclose(columns_of(tmp_path / "angles.mot")["knee_angle_l"], knee, rtol=1e-8)
     assert len(read_bvh(tmp_path / "skeleton.bvh")) == 24
     assert "Knee flexion" in (tmp_path / "report.html").read_text()
 
@@ -87,8 +87,8 @@ def test_a_live_session_that_skipped_output_ticks_has_all_files_with_its_times(r
     points = ezc3d.c3d(str(tmp_path / "points_angles.c3d"))["data"]["points"][:3, poses.skeleton.index("left_knee")].T
     assert len(points) == 24 and len(read_bvh(tmp_path / "skeleton.bvh")) == 24 and (tmp_path / "skeleton.glb").is_file()
     np.testing.assert_allclose(points[kept], 1000 * poses.xyz_world[kept, 0, poses.skeleton.index("left_knee")], atol=20.0)
-    knee = read_mot(tmp_path / "angles.mot")
-    np.testing.assert_allclose(knee.column("knee_angle_l"), 40 + np.interp(knee.t_s, poses.t_ns * 1e-9, np.arange(24)), atol=1.0)
+    motion = columns_of(tmp_path / "angles.mot")
+    np.testing.assert_allclose(motion["knee_angle_l"], 40 + np.interp(motion["time"], poses.t_ns * 1e-9, np.arange(24)), atol=1.0)
 
 
 def test_files_of_a_rate_are_left_out_where_the_times_have_none(recording, tmp_path):

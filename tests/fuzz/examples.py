@@ -21,7 +21,6 @@ from posefuse.detection.files import fetch
 from posefuse.evaluation.tracks import read_tracks
 from posefuse.formats.bvh import BvhData, write_bvh
 from posefuse.formats.c3d import C3dData, read_c3d, write_c3d
-from posefuse.formats.mot import MotTable, read_mot, write_mot
 from posefuse.formats.pose2d import read_openpose_folder, read_pose2d
 from posefuse.formats.recording import read_recording, write_recording
 from posefuse.formats.rig import read_rig, write_rig
@@ -86,11 +85,6 @@ def _bvh(folder: Path) -> None:
     bones = {"names": ("hips", "knee", "knee_end"), "parent": np.array([-1, 0, 1]), "offset": offset}
     motion = {"rotation": [np.tile(np.eye(3), (5, 1, 1))] * 3, "position": [np.tile(one, (5, 1)) for one in offset]}
     write_bvh(folder / "a.bvh", BvhData(**bones, **motion, frame_s=0.02))
-
-
-def _mot(folder: Path) -> None:
-    angles = MotTable(name="angles", t_s=np.arange(5) / 10, columns=("hip", "knee"), values=np.ones((5, 2)), in_degrees=True)
-    write_mot(folder / "a.mot", angles)
 
 
 def _wide_csv(folder: Path) -> None:
@@ -227,7 +221,6 @@ EXAMPLES: dict[str, Example] = {
     "TRC": Example("a.trc", _trc, read_trc),
     "C3D": Example("a.c3d", _c3d, read_c3d),
     "BVH": Example("a.bvh", _bvh, lambda path: read_bvh(path).world()),
-    "MOT": Example("a.mot", _mot, read_mot),
     "CSV wide": Example("a.csv", _wide_csv, read_tracks),
     "CSV long": Example("a.csv", _long_csv, read_tracks),
     "MVNX": Example("a.mvnx", _mvnx, read_tracks),

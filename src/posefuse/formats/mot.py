@@ -1,9 +1,8 @@
-"""OpenSim motion and storage files (.mot, .sto): a header, then one row per time step, tab-separated."""
+"""OpenSim motion files (.mot): a header, then one row per time step, tab-separated. Write only."""
 
 from __future__ import annotations
 
 import itertools
-from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import NamedTuple
@@ -14,7 +13,6 @@ from posefuse.core import InputError, JointAngles, ShapeError
 from posefuse.core.arrays import Array, frozen_fields
 from posefuse.core.joint_angles import OPENSIM
 from posefuse.foundation.output_file import write_lines
-from posefuse.foundation.parsing import one_line, read_text
 
 # as long as skeleton.bvh holds a pose
 _LONGEST_BRIDGE_S = 0.5
@@ -30,27 +28,19 @@ class MotTable:
         name: first line of the file.
         t_s: (T,) seconds, strictly increasing.
         columns: names of axis Q, without ``time``.
-        values: (T, Q); NaN where a file has it. Angles in degrees when `in_degrees`, else radians; translations in metres.
-        in_degrees: unit of the angles.
+        values: (T, Q); angles in degrees, translations in metres.
     """
 
     name: str
     t_s: Array
     columns: tuple[str, ...]
     values: Array
-    in_degrees: bool = True
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "columns", tuple(self.columns))
         sizes = frozen_fields(self, {"t_s": "T", "values": "T Q"})
         if sizes["Q"] != len(self.columns) or len(set(self.columns)) != len(self.columns):
             raise ShapeError(f"MotTable: expected {sizes['Q']} different column names, got {len(set(self.columns))}")
-
-    def column(self, name: str) -> Array:
-        """(T,) values of one column; raises InputError for a name that is not there."""
-        if name not in self.columns:
-            raise InputError(f"motion {self.name}: no column {name!r}; there are: {', '.join(self.columns)}")
-        return np.asarray(self.values[:, self.columns.index(name)])
 
 
 class PersonMotion(NamedTuple):
@@ -127,50 +117,14 @@ def _longest_presence(t_s: Array, known: Array) -> Array:
 
 
 def write_mot(path: Path, motion: MotTable) -> None:
-    """Write a .mot or .sto file; raises InputError for an unknown value, at which OpenSim would end to read without a word."""
+    """Write a .mot file; raises InputError for an unknown value, at which OpenSim would end to read without a word."""
     unknown = np.argwhere(~np.isfinite(motion.values))
     if len(unknown):
         row, column = unknown[0]
         raise InputError(f"{path}: {motion.columns[column]} is unknown at {motion.t_s[row]:.2f} s; expected a number in each row")
     header = [
         motion.name.replace("\n", " "), "version=1", f"nRows={len(motion.t_s)}", f"nColumns={len(motion.columns) + 1}",
-        f"inDegrees={'yes' if motion.in_degrees else 'no'}", "endheader", "\t".join(("time", *motion.columns)),
+        "inDegrees=yes", "endheader", "\t".join(("time", *motion.columns)),
     ]  # fmt: skip
     rows = ("\t".join((f"{t:.9f}", *(f"{x:.10g}" for x in row))) for t, row in zip(motion.t_s, motion.values, strict=True))
     write_lines(path, itertools.chain(header, rows))
-
-
-def read_mot(path: Path) -> MotTable:
-    """Read a .mot or .sto file.
-
-    Raises:
-        InputError: not such a file, or rows that do not fit its columns; names file and line.
-    """
-    lines = read_text(path).splitlines()
-    end = next((i for i, line in enumerate(lines) if line.strip().lower() == "endheader"), None)
-    if end is None or end + 1 >= len(lines):
-        raise InputError(f"{path}: expected an OpenSim header that ends in 'endheader' and a line of column names; found none")
-    names = lines[end + 1].split()
-    first = one_line(names[0]) if names else "nothing"
-    if first.lower() != "time":
-        raise InputError(f"{path}: line {end + 2}: expected the first column 'time', got {first}")
-    rows = [_row(path, i, lines[i], len(names)) for i in range(end + 2, len(lines)) if lines[i].strip()]
-    table = np.array(rows, np.float64).reshape(-1, len(names))
-    return MotTable(
-        name=lines[0].strip(), t_s=table[:, 0], columns=tuple(names[1:]), values=table[:, 1:], in_degrees=_in_degrees(lines[:end])
-    )
-
-
-def _row(path: Path, number: int, line: str, count: int) -> Sequence[float]:
-    parts = line.split()
-    if len(parts) != count:
-        raise InputError(f"{path}: line {number + 1}: expected {count} numbers, got {len(parts)}")
-    try:
-        return [float(part) for part in parts]
-    except ValueError as error:
-        raise InputError(f"{path}: line {number + 1}: {one_line(error)}") from None
-
-
-def _in_degrees(header: Sequence[str]) -> bool:
-    keys = dict(line.lower().replace(" ", "").split("=", 1) for line in header if "=" in line)
-    return keys.get("indegrees", "no") == "yes"

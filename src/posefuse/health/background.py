@@ -22,10 +22,9 @@ from posefuse.sources import RecordedSource
 from .rig_monitor import MOVED, RigFinding
 
 CHECK = "background stands still"
-# shares of the recording, since hands are at the cameras when it begins and ends. The first frame is compared with the last;
-# where they differ, also with those between, most of which must show the background, and with others that halve the time of the
-# move
-_LOOKS, _LEAST_BETWEEN, _HALVINGS = (0.04, 0.27, 0.5, 0.73, 0.96), 2, 4
+# shares of the recording, since hands are at the cameras when it begins and ends: the frame at the first is compared with that at
+# the second and, where they differ, with so many that halve the time of the move, the first of which must show the background
+_LOOKS, _BETWEEN, _LEAST_BETWEEN, _LEAST_FRAMES = (0.04, 0.96), 6, 2, 5
 # smallest rotation reported: the smallest that is noticed in a person; below it, image stabilisation and breathing mounts lie
 _LEAST_RAD = float(np.deg2rad(0.35))
 # no result is better in larger images; in px of these: how well a corner has to be found again from both sides, and how far
@@ -75,7 +74,7 @@ class BackgroundFound:
 def background_of(
     sources: Sequence[RecordedSource], cameras: Sequence[Camera], used_ns: tuple[int, int] | None = None
 ) -> BackgroundFound:
-    """Compare the backgrounds of a recording; two frames of a camera that stands still are decoded, of others up to nine.
+    """Compare the backgrounds of a recording; two frames of a camera that stands still are decoded, of others up to eight.
 
     Args:
         sources: of these cameras. cameras: their intrinsics. used_ns: first and last time that is used; None: all.
@@ -97,10 +96,10 @@ def _watched(source: RecordedSource, camera: Camera, used_ns: tuple[int, int] | 
     times_ns = np.asarray(source.times_ns())
     if used_ns is not None:
         times_ns = times_ns[(times_ns >= used_ns[0]) & (times_ns <= used_ns[1])]
-    if len(times_ns) < len(_LOOKS):
+    if len(times_ns) < _LEAST_FRAMES:
         return False
-    looks_ns = times_ns[np.round(np.array(_LOOKS) * (len(times_ns) - 1)).astype(int)].tolist()
-    first = _frame_at(source, looks_ns[0])
+    first_ns, last_ns = times_ns[np.round(np.array(_LOOKS) * (len(times_ns) - 1)).astype(int)].tolist()
+    first = _frame_at(source, first_ns)
     if first is None:
         return False
     corners = _Corners.of(first, camera)
@@ -109,31 +108,26 @@ def _watched(source: RecordedSource, camera: Camera, used_ns: tuple[int, int] | 
         frame = _frame_at(source, t_ns)
         return None if frame is None else corners.turned_in(frame)
 
-    last = turn_at(looks_ns[-1])
+    last = turn_at(last_ns)
     if last is None or np.linalg.norm(last) < _LEAST_RAD:
         return last is not None
-    between = [(t_ns, turn) for t_ns in looks_ns[1:-1] if (turn := turn_at(t_ns)) is not None]
-    # a thing that moves before the camera takes all directions; a camera that was moved stays there
-    longest = np.linalg.norm(last) + _LEAST_RAD
-    if len(between) < _LEAST_BETWEEN or any(np.linalg.norm(turn) + np.linalg.norm(last - turn) > longest for _, turn in between):
-        return False
-    known = [(looks_ns[0], np.zeros(3)), *between, (looks_ns[-1], last)]
-    return _finding(camera, last, _when_ns(known, last, turn_at))
+    when_ns = _when_ns((first_ns, last_ns), last, turn_at)
+    return when_ns is not None and _finding(camera, last, when_ns)
 
 
-def _when_ns(known: Sequence[tuple[int, Array]], last: Array, turn_at: Callable[[int], Array | None]) -> tuple[int, int]:
-    """The times between which most of the rotation happens."""
-    late = [bool(np.linalg.norm(turn - last) < np.linalg.norm(turn)) for _, turn in known]
-    at = late.index(True)
-    before_ns, after_ns = known[at - 1][0], known[at][0]
-    for _ in range(_HALVINGS):
-        turn = turn_at((before_ns + after_ns) // 2)
+def _when_ns(between_ns: tuple[int, int], last: Array, turn_at: Callable[[int], Array | None]) -> tuple[int, int] | None:
+    """The times between which most of a rotation happens; None where too little shows, or anything but a part of the rotation."""
+    before_ns, after_ns = between_ns
+    for look in range(_BETWEEN):
+        middle_ns = (before_ns + after_ns) // 2
+        turn = turn_at(middle_ns)
         if turn is None:
-            break
-        if np.linalg.norm(turn - last) < np.linalg.norm(turn):
-            after_ns = (before_ns + after_ns) // 2
-        else:
-            before_ns = (before_ns + after_ns) // 2
+            return (before_ns, after_ns) if look >= _LEAST_BETWEEN else None
+        early_rad, late_rad = np.linalg.norm(turn), np.linalg.norm(last - turn)
+        # a thing that moves before the camera takes all directions; a camera that was moved stays there
+        if early_rad + late_rad > np.linalg.norm(last) + _LEAST_RAD:
+            return None
+        before_ns, after_ns = (before_ns, middle_ns) if late_rad < early_rad else (middle_ns, after_ns)
     return before_ns, after_ns
 
 

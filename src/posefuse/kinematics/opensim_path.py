@@ -22,7 +22,6 @@ import numpy as np
 from posefuse.core import DependencyError, InputError, PoseSequence
 from posefuse.core.arrays import Array
 from posefuse.core.skeleton import SIDES
-from posefuse.formats.mot import MotTable, read_mot
 from posefuse.formats.trc import TrcData, write_trc
 from posefuse.foundation.parsing import one_line
 
@@ -83,16 +82,14 @@ _BODY_OF_NODE = {"pelvis": "pelvis", "stretch": "torso", "head": "head"} | {
 }  # fmt: skip
 
 
-def opensim_motion(sequence: PoseSequence, folder: Path, person: int = 0, body: BodyModel | None = None) -> MotTable:
-    """Build the person's model, write the keypoints as TRC, run OpenSim's inverse kinematics, read the .mot back.
+def opensim_motion(sequence: PoseSequence, folder: Path, person: int = 0, body: BodyModel | None = None) -> None:
+    """Build the person's model, write the keypoints as TRC, and let OpenSim's inverse kinematics write the .mot.
 
     Args:
         sequence: the recording. person: place on axis N.
-        folder: an existing folder; receives the model, the markers, the motion and OpenSim's log.
+        folder: an existing folder; receives the model, the markers, the motion and OpenSim's log. The motion has degrees and
+            metres, under the names of OpenSim's own models.
         body: the person's skeleton; estimated from the recording when not given.
-
-    Returns:
-        Coordinates in degrees and metres, named as OpenSim's own models do.
 
     Raises:
         DependencyError: the `opensim` package is missing.
@@ -102,7 +99,7 @@ def opensim_motion(sequence: PoseSequence, folder: Path, person: int = 0, body: 
     with logged_opensim(folder) as osim:
         write_opensim_model(folder / MODEL_FILE, body)
         names = [body.skeleton.keypoints[k] for k in body.keypoint]
-        return inverse_kinematics(osim, folder / MODEL_FILE, folder / MOTION_FILE, names, sequence, person)
+        inverse_kinematics(osim, folder / MODEL_FILE, folder / MOTION_FILE, names, sequence, person)
 
 
 @contextmanager
@@ -136,8 +133,8 @@ def inverse_kinematics(
     sequence: PoseSequence,
     person: int,
     held: Sequence[str] = (),
-) -> MotTable:
-    """The motion of a model with markers that are named like keypoints; writes it, and next to it the keypoints as TRC.
+) -> None:
+    """Write the motion of a model with markers that are named like keypoints, and next to it the keypoints as TRC.
 
     `held` names coordinates that stay near their default: what the keypoints do not determine.
     """
@@ -172,7 +169,6 @@ def inverse_kinematics(
         done = tool.run()
     if not done:
         raise RuntimeError("the inverse kinematics tool did not finish")
-    return read_mot(motion)
 
 
 @contextmanager

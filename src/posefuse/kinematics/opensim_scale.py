@@ -22,7 +22,6 @@ import numpy as np
 from posefuse.core import InputError, PoseSequence
 from posefuse.core.arrays import Array
 from posefuse.core.skeleton import LIMB_ENDS, SIDES
-from posefuse.formats.mot import MotTable
 from posefuse.foundation.parsing import one_line
 
 from .body.model import BodyModel, bodies_from_poses, segment_spans
@@ -86,20 +85,15 @@ def scale_factors(model_path: Path, body: BodyModel) -> ScaleFactors:
     return ScaleFactors(factors, lengths)
 
 
-def scaled_motion(
-    model_path: Path, sequence: PoseSequence, folder: Path, person: int = 0, body: BodyModel | None = None
-) -> MotTable:
+def scaled_motion(model_path: Path, sequence: PoseSequence, folder: Path, person: int = 0, body: BodyModel | None = None) -> None:
     """Scale the user's model to the person and run OpenSim's inverse kinematics on it.
 
     Writes ``scaled.osim`` (with our markers), ``scale_factors.xml`` (a ScaleSet for OpenSim's scale tool), ``scaled.trc`` (the
-    markers' paths), ``scaled.mot`` and OpenSim's log.
+    markers' paths), ``scaled.mot`` (degrees and metres, under the model's own names) and OpenSim's log.
 
     Args:
         model_path: the user's .osim; it is only read. sequence: the recording. folder: an existing folder.
         person: place on axis N. body: the person's skeleton; estimated from the recording when not given.
-
-    Returns:
-        Coordinates in degrees and metres, under the model's own names.
 
     Raises:
         see `scale_factors`; InputError: a place that cannot be written to, or OpenSim fails; names its log.
@@ -109,7 +103,7 @@ def scaled_motion(
         names = write_scaled_model(model_path, folder, body)
         scaled = folder / SCALED_FILE
         held = [name for name in _SPINE if name in _by_coordinate(_opened(osim, scaled)[0])]
-        return inverse_kinematics(osim, scaled, folder / SCALED_MOTION_FILE, names, sequence, person, held=held)
+        inverse_kinematics(osim, scaled, folder / SCALED_MOTION_FILE, names, sequence, person, held=held)
 
 
 def write_scaled_model(model_path: Path, folder: Path, body: BodyModel) -> list[str]:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import colorsys
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, ClassVar
@@ -45,9 +44,6 @@ _POSE_EVERY_NS = 30_000_000
 _VIEW_EVERY_NS = 60_000_000
 _DETECTION_RGB = (255, 220, 60)
 _GOOD_RGB, _BAD_RGB = (90, 200, 120), (235, 70, 60)
-_PLOTS = {"latency_p95_ms": "latency_p95_ms", "residual_sigmas": "innovation_sigmas"}
-# cameras in plots: the golden angle keeps neighbours apart, however many there are
-_HUE_STEP, _SATURATION, _VALUE = 0.381966, 0.6, 0.95
 
 
 @settings
@@ -106,18 +102,15 @@ class RerunLiveOutput:
             self._stream.disconnect()
 
     def _open(self, start: LiveStart) -> None:
-        import rerun as rr
+        import rerun.blueprint as rrb
 
         if self._config.file is not None:
             self.where = str(part_path(self._config.file, start.part))
         place = SPAWN if self._config.file is None else self.where
         self._rig, self._zero_ns, self._names = start.rig, start.t_ns, dict(enumerate(start.names))
-        self._stream = opened_stream("posefuse live", place, lambda: session_blueprint(start.rig.names, _below()))
+        states = rrb.TextDocumentView(origin="health", name="cameras")
+        self._stream = opened_stream("posefuse live", place, lambda: session_blueprint(start.rig.names, [states]))
         log_cameras(self._stream, start.rig.cameras, _GOOD_RGB)
-        for number, camera in enumerate(self._rig):
-            line = rr.SeriesLines(colors=plot_rgb(number), names=camera.name)
-            for plot in _PLOTS:
-                self._stream.log(f"plots/{plot}/{camera.name}", line, static=True)
 
     def _due(self, what: str, t_ns: int, every_ns: int) -> bool:
         if t_ns - self._shown_ns.get(what, 0) < every_ns:
@@ -158,8 +151,6 @@ class RerunLiveOutput:
         self._stream.set_time(TIMELINE, duration=(t_ns - self._zero_ns) / 1e9)
         for name, camera in cameras.items():
             self._stream.log(camera_path(name), pinhole(self._rig[name], _GOOD_RGB if camera.state == "ok" else _BAD_RGB))
-            for plot, key in _PLOTS.items():
-                self._stream.log(f"plots/{plot}/{name}", rr.Scalars(camera.figures[key]))
         came_hz = {name: self._rate_hz(name, t_ns, camera.figures["captured"]) for name, camera in cameras.items()}
         self._stream.log("health", rr.TextDocument(health_table(cameras, came_hz), media_type="text/markdown"))
 
@@ -180,20 +171,3 @@ def health_table(cameras: Mapping[str, CameraHealth], came_hz: Mapping[str, floa
             f"| {figures['latency_p95_ms']:.0f} | {figures['innovation_sigmas']:.2f} |"
         )
     return "\n".join(rows)
-
-
-def plot_rgb(number: int) -> tuple[int, int, int]:
-    """Colour of camera `number` in plots."""
-    r, g, b = colorsys.hsv_to_rgb(number * _HUE_STEP % 1.0, _SATURATION, _VALUE)
-    return round(255 * r), round(255 * g), round(255 * b)
-
-
-def _below() -> list[Any]:
-    """Plots and texts under the views."""
-    import rerun.blueprint as rrb
-
-    return [
-        rrb.TimeSeriesView(origin="plots/latency_p95_ms", name="latency p95, ms"),
-        rrb.TimeSeriesView(origin="plots/residual_sigmas", name="residual, sigmas"),
-        rrb.TextDocumentView(origin="health", name="cameras"),
-    ]
