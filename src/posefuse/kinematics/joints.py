@@ -87,8 +87,7 @@ def joints_from_poses(sequence: PoseSequence, settings: JointSettings | None = N
 def reasons_from_poses(sequence: PoseSequence, settings: JointSettings | None = None) -> tuple[JointAngles, Array]:
     """As `joints_from_poses`, with (T, N, J, 3) uint8 of `Reason` for every angle."""
     settings = settings or JointSettings()
-    if settings.sides_checked:
-        check_sides(sequence)
+    check_sides(sequence)
     work = FrameBuffers(sequence.skeleton, settings)
     shape = sequence.xyz_world.shape[:2]
     wxyz, origin = np.empty((*shape, len(SEGMENT_NAMES), 4)), np.empty((*shape, len(SEGMENT_NAMES), 3))

@@ -18,12 +18,10 @@ class JointSettings:
         turn_rate_rad_sqrt_s: how fast the plane of a limb wanders unseen: standard deviation after one second.
         hinge_play_rad: how far a knee or elbow departs from an ideal hinge; limits the trust in the plane of a nearly
             straight limb.
-        sides_checked: refuse a recording whose left and right are plainly swapped.
     """
 
     turn_rate_rad_sqrt_s: Annotated[float, Gt(0)] = 0.7
     hinge_play_rad: Annotated[float, Ge(0)] = 0.05
-    sides_checked: bool = True
 
 
 @settings
