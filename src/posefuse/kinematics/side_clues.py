@@ -73,8 +73,8 @@ def check_sides(sequence: PoseSequence) -> None:
         if count >= _FEWEST_VOTES and against > _SURE * count:
             raise InputError(
                 f"person {person}: left and right look swapped: in {100 * against // count} % of {count} clues feet, nose, knees "
-                f"and elbows point behind the body of skeleton {sequence.skeleton.name}; swap them: left and right are the subject's own "
-                "(a mirrored video or camera image gives this)"
+                f"and elbows point behind the body of skeleton {sequence.skeleton.name}; swap them: left and right are the "
+                "subject's own (a mirrored video or camera image gives this)"
             )
 
 
