@@ -3,6 +3,7 @@
 from dataclasses import dataclass, replace
 from importlib.metadata import EntryPoint
 from pathlib import Path
+from types import SimpleNamespace
 
 import built
 import numpy as np
@@ -30,6 +31,7 @@ from posefuse.evaluation.contracts import ContractError, check_detector, check_l
 from posefuse.formats.truth import read_truth
 from posefuse.foundation import plugins
 from posefuse.foundation.plugins import GROUPS, build_plugin, list_plugins, plugin_config
+from posefuse.outputs.frames import write_each
 
 T, N, K = 6, 2, len(COCO17)
 LIVE_OUTPUTS = [plugin.name for plugin in list_plugins("live_outputs")]
@@ -198,6 +200,15 @@ def test_the_sink_check_can_fail(recording: Recording, tmp_path: Path) -> None:
         refusal(ContractError, rule, check_output, Writer(fault), recording, tmp_path / fault)
     (tmp_path / "good").mkdir()
     check_output(Writer(), recording, tmp_path / "good")
+
+
+def test_an_output_that_names_no_file_of_the_folder_fails_alone(recording: Recording, tmp_path: Path) -> None:
+    (elsewhere := tmp_path.parent / f"{tmp_path.name}.txt").touch()
+    for named in (None, ["a.txt"], [tmp_path / "missing.txt"], [elsewhere]):
+        broken = SimpleNamespace(name="broken", write=lambda recording, folder, named=named: named)
+        outcome = write_each([broken, Writer()], recording, tmp_path)
+        assert (outcome.files, [*outcome.failed]) == ((tmp_path / "a.txt",), ["broken"])
+        assert "expected the path of a file that it made in the folder given" in str(outcome.failed["broken"])
 
 
 # what an output cannot do without, and the package that must be there

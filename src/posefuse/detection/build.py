@@ -62,7 +62,8 @@ class _Checked:
         """See `core.Detector`; raises ModelError for anything that it raises, and for a rule that its answers break."""
         try:
             found = self._detector.detect(frames, regions)
-            broken = broken_rule(self._detector, frames, regions, found)
+            rule = broken_rule(self._detector, frames, regions, found)
+            broken = rule and f"broken rule: {rule}"
         except Exception as error:  # noqa: BLE001 - others' code may fail in any way
             broken = f"{type(error).__name__}: {error}"
         if broken:

@@ -86,7 +86,8 @@ def check_detector(detector: Detector, frames: Sequence[Frame]) -> None:
     _require(detector.detect([], []) == [], "no frames give no answers")
     half = min(frames[0].size_wh) / 2
     region = Region(centre_img=np.array(frames[0].size_wh) / 2, side_px=2 * half)
-    for regions in ([None] * len(frames), [[region]] * len(frames), [[]] * len(frames)):
+    asked: tuple[list[Region] | None, ...] = (None, [region], [])
+    for regions in ([one] * len(frames) for one in asked):
         broken = broken_rule(detector, frames, regions, detector.detect(frames, regions))
         _require(not broken, broken)
 

@@ -120,6 +120,6 @@ def _loaded(kind: str, entry: EntryPoint) -> Plugin:
         config = entry.load()
     except Exception as error:  # noqa: BLE001 - others' code may fail in any way; it is listed, not hidden
         return Plugin(kind, entry.name, package, None, f"{type(error).__name__}: {error}")
-    if not (dataclasses.is_dataclass(config) and hasattr(config, "build")):
+    if not (isinstance(config, type) and dataclasses.is_dataclass(config) and hasattr(config, "build")):
         return Plugin(kind, entry.name, package, None, f"expected a settings class with build(), got {entry.value}")
     return Plugin(kind, entry.name, package, config)
