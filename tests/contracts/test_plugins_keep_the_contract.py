@@ -1,7 +1,9 @@
 """Every plug-in of ours passes the public checks, and the checks can fail."""
 
 from dataclasses import dataclass, replace
+from importlib.metadata import EntryPoint
 from pathlib import Path
+from types import SimpleNamespace
 
 import built
 import numpy as np
@@ -9,11 +11,27 @@ import pytest
 from checks import assert_same, refusal
 from videos import ScriptedSource
 
-from posefuse.core import Detections2D, Frame, Kind, LivePose, LiveStart, Recording, Source, SourceError
+import posefuse as pf
+from posefuse.core import (
+    DependencyError,
+    Detections2D,
+    Frame,
+    Kind,
+    LivePose,
+    LiveStart,
+    ModelError,
+    Recording,
+    Region,
+    Source,
+    SourceError,
+)
 from posefuse.core.skeleton import COCO17
+from posefuse.detection.build import DetectorChoice, build_detector
 from posefuse.evaluation.contracts import ContractError, check_detector, check_live_output, check_output, check_source
 from posefuse.formats.truth import read_truth
+from posefuse.foundation import plugins
 from posefuse.foundation.plugins import GROUPS, build_plugin, list_plugins, plugin_config
+from posefuse.outputs.frames import write_each
 
 T, N, K = 6, 2, len(COCO17)
 LIVE_OUTPUTS = [plugin.name for plugin in list_plugins("live_outputs")]
@@ -31,9 +49,9 @@ def recording(ring_rig) -> Recording:
 
 
 def test_every_plugin_of_ours_can_be_imported() -> None:
-    plugins = [plugin for kind in GROUPS for plugin in list_plugins(kind)]
-    assert {"video", "images", "blazepose", "oracle", "trc", "c3d", "overlay", "rerun", "osc", "lsl"} <= {p.name for p in plugins}
-    assert [p for p in plugins if p.package == "posefuse" and p.reason] == []
+    listed = [plugin for kind in GROUPS for plugin in list_plugins(kind)]
+    assert {"video", "images", "blazepose", "oracle", "trc", "c3d", "overlay", "rerun", "osc", "lsl"} <= {p.name for p in listed}
+    assert [p for p in listed if p.package == "posefuse" and p.reason] == []
 
 
 @pytest.mark.parametrize("name", SINKS)
@@ -90,6 +108,8 @@ class Guesser:
         self.joint_centres = Path("nowhere.toml") if fault == "table" else None
 
     def detect(self, frames, regions):
+        if self.fault == "broken":
+            raise ValueError("the lens fell off")
         answers = [self._one(frame, 0 if given is None else len(given)) for frame, given in zip(frames, regions, strict=True)]
         return answers[:-1] if self.fault == "short" else answers
 
@@ -115,6 +135,50 @@ def test_the_detector_check_can_fail() -> None:
         refusal(ContractError, rule, check_detector, Guesser(fault), frames)
 
 
+@dataclass(frozen=True)
+class GuesserConfig:
+    fault: str = ""
+
+    def build(self) -> Guesser:
+        return Guesser(self.fault)
+
+
+class NoSettings:
+    """It has no `build`, and is no dataclass."""
+
+
+@pytest.fixture
+def of_others(monkeypatch: pytest.MonkeyPatch) -> None:
+    """What another package announces."""
+    ours = plugins.entry_points
+    theirs = [EntryPoint(name, f"{__name__}:{name}", "posefuse.detectors") for name in ("GuesserConfig", "NoSettings")]
+    monkeypatch.setattr(plugins, "entry_points", lambda group: [*ours(group=group), *(e for e in theirs if e.group == group)])
+
+
+@pytest.mark.usefixtures("of_others")
+def test_a_detector_of_another_package_that_breaks_a_rule_is_named_in_one_line(ring_rig) -> None:
+    frames = [built.frame("a", 5), built.frame("b", 6)]
+    images, regions = [frame.image for frame in frames], [[Region(centre_img=np.ones(2), side_px=2.0)], []]
+    for fault, words in (
+        ("short", "GuesserConfig: .*one answer per frame"),
+        ("invented", "GuesserConfig: .*score 0 is NaN"),
+        ("sigma", "GuesserConfig: .*sigma_px > 0"),
+        ("camera", "GuesserConfig: .*frame's camera"),
+        ("broken", "GuesserConfig: ValueError: the lens fell off; .*check_detector"),
+    ):
+        detector = build_detector(DetectorChoice(name="GuesserConfig", options={"fault": fault}), ring_rig(2))
+        refusal(ModelError, words, detector.detect, frames, regions)
+        refusal(ModelError, words, pf.detector("GuesserConfig", {"fault": fault}), images, regions)
+    check_detector(build_detector(DetectorChoice(name="GuesserConfig"), ring_rig(2)), frames)
+
+
+@pytest.mark.usefixtures("of_others")
+def test_what_is_no_settings_class_is_listed_with_the_reason() -> None:
+    [listed] = [plugin for plugin in list_plugins("detectors") if plugin.name == "NoSettings"]
+    assert (plugins.option_names(listed), "a settings class with build()" in listed.reason) == ([], True)
+    refusal(DependencyError, "NoSettings .*a settings class with build", plugin_config, "detectors", "NoSettings", {})
+
+
 class Writer:
     """A sink that may break one rule."""
 
@@ -136,6 +200,15 @@ def test_the_sink_check_can_fail(recording: Recording, tmp_path: Path) -> None:
         refusal(ContractError, rule, check_output, Writer(fault), recording, tmp_path / fault)
     (tmp_path / "good").mkdir()
     check_output(Writer(), recording, tmp_path / "good")
+
+
+def test_an_output_that_names_no_file_of_the_folder_fails_alone(recording: Recording, tmp_path: Path) -> None:
+    (elsewhere := tmp_path.parent / f"{tmp_path.name}.txt").touch()
+    for named in (None, ["a.txt"], [tmp_path / "missing.txt"], [elsewhere]):
+        broken = SimpleNamespace(name="broken", write=lambda recording, folder, named=named: named)
+        outcome = write_each([broken, Writer()], recording, tmp_path)
+        assert (outcome.files, [*outcome.failed]) == ((tmp_path / "a.txt",), ["broken"])
+        assert "expected the path of a file that it made in the folder given" in str(outcome.failed["broken"])
 
 
 # what an output cannot do without, and the package that must be there

@@ -5,6 +5,7 @@ import socket
 import threading
 import time
 from dataclasses import replace
+from importlib.metadata import EntryPoint
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -13,12 +14,15 @@ import numpy as np
 import pytest
 from built import admitted, camera_state
 from checks import refusal
+from videos import ScriptedSource
 
 from posefuse.api.live_run import LiveRun, write_latency_report
 from posefuse.cli import main as cli
 from posefuse.cli.stopping import NO_PERSON_CODE
-from posefuse.core import CameraHealth, Detections2D, Skeleton, SourceError
+from posefuse.core import CameraHealth, DependencyError, Detections2D, Skeleton, SourceError
+from posefuse.foundation import plugins
 from posefuse.foundation.channel import Channel, ChannelClosed
+from posefuse.foundation.settings import settings
 from posefuse.health.camera_monitor import Monitor
 from posefuse.realtime.capture import Capture, Caught, LiveInput, take_all
 from posefuse.realtime.inputs import inputs_from_arguments
@@ -273,6 +277,32 @@ def test_sources_are_named_per_camera(ring_rig, demo_session) -> None:
     oak, realsense = inputs_from_arguments(["cam01=realsense:A1@1280x720@15", "cam00=oak:any"], rig)
     assert (oak.config.serial, oak.config.size, oak.reopen) == ("any", "640x480", True)
     assert (realsense.config.serial, realsense.config.size) == ("A1", "1280x720@15")
+
+
+@settings
+class Thermal:
+    """A camera of another package."""
+
+    camera: str
+    where: str
+    zero_ns: int = 0
+
+    def build(self) -> ScriptedSource:
+        return ScriptedSource(self.camera, (0, 10))
+
+
+def test_a_source_of_another_package_is_named_as_ours(ring_rig, monkeypatch: pytest.MonkeyPatch) -> None:
+    theirs = [
+        EntryPoint("thermal", f"{__name__}:Thermal", "posefuse.sources"),
+        EntryPoint("gone", "no_such:C", "posefuse.sources"),
+    ]
+    monkeypatch.setattr(plugins, "entry_points", lambda group: [entry for entry in theirs if entry.group == group])
+    [entry] = inputs_from_arguments(["cam01=thermal:10.0.0.7:80/a"], ring_rig(2))
+    assert (entry.camera, entry.kind, entry.reopen) == ("cam01", "thermal", True)
+    assert entry.config == Thermal(camera="cam01", where="10.0.0.7:80/a")
+    assert entry.open(None).camera == "cam01"
+    refusal(SourceError, "webcam.*usb.*sim, gone, thermal;", inputs_from_arguments, ["cam00=webcam:0"], ring_rig(2))
+    refusal(DependencyError, "gone .*no_such", inputs_from_arguments, ["cam00=gone:0"], ring_rig(2))
 
 
 @pytest.mark.parametrize(

@@ -3,6 +3,8 @@
 import asyncio
 import sys
 from collections.abc import Callable, Coroutine
+from dataclasses import replace
+from importlib.metadata import EntryPoint
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -13,8 +15,9 @@ from nicegui.testing import User, user_simulation
 from small_session import saved_session
 
 import posefuse as pf
-from posefuse.core import Rig
+from posefuse.core import OutputHealth, Rig
 from posefuse.detection import named_networks
+from posefuse.foundation import plugins
 from posefuse_sim.build import room_size
 from posefuse_sim.rig_plan import camera_of, rig_of_scene
 from posefuse_sim.scene import read_scene
@@ -23,7 +26,9 @@ from posefuse_studio.access import Access
 from posefuse_studio.calibrations import Project, projects, save_project
 from posefuse_studio.jobs import Jobs
 from posefuse_studio.pages import PAGES
+from posefuse_studio.pages.live import _session_light, recording_fault
 from posefuse_studio.pages.simulate import RoomMap
+from posefuse_studio.session import CameraStatus, SessionStatus
 from posefuse_studio.setups import Setup, save_setup, setup_named
 from posefuse_studio.state import Studio
 from posefuse_studio.workspace import StudioWorkspace
@@ -92,8 +97,10 @@ def test_a_page_shows_what_it_cannot_do(tmp_path: Path, started: list[tuple[str,
     assert started == []
 
 
-@pytest.mark.parametrize("address", ["https://10.0.0.8/video.mjpg", "rtsps://10.0.0.7/stream", "usb:0"])
-def test_a_camera_is_added_by_its_address(tmp_path: Path, address: str) -> None:
+@pytest.mark.parametrize("address", ["https://10.0.0.8/video.mjpg", "rtsps://10.0.0.7/stream", "usb:0", "thermal:7"])
+def test_a_camera_is_added_by_its_address(tmp_path: Path, address: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(plugins, "entry_points", lambda group: [EntryPoint("thermal", "others:Thermal", group)])
+
     async def use(user: User) -> None:
         user.find("e.g. rtsp://192.168.1.20/stream").type(address)
         user.find(kind=ui.button, content="Add").click()
@@ -251,6 +258,21 @@ def test_a_study_has_the_network_that_was_chosen(tmp_path: Path, started: list[t
     for one in (arguments, {**arguments, "networks": ""}):
         work.batch_job(one, StudioWorkspace(tmp_path), lambda *_: None)
     assert tracked == [NETWORK, None]
+
+
+def test_a_recording_that_is_not_written_is_named_on_the_page_and_on_the_phone() -> None:
+    gone = OutputHealth(state="failed", text="the file is gone")
+    recording = SessionStatus(
+        cameras={"a": CameraStatus(light="good", state="ok")}, recording="recordings/a", outputs={"record": gone}
+    )
+    assert recording_fault(recording) == "not recorded, failed: the file is gone"
+    assert _session_light(recording) == ("bad", recording_fault(recording))
+    for well in (
+        replace(recording, outputs={"record": OutputHealth()}),  # it was opened again
+        replace(recording, outputs={}),  # videos alone
+        replace(recording, recording=""),  # an earlier one
+    ):
+        assert (recording_fault(well), _session_light(well)[0]) == ("", "good")
 
 
 def test_names_that_were_given_to_people_are_there_when_the_page_is_opened_again(

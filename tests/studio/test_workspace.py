@@ -144,6 +144,8 @@ def test_files_are_named_inside_the_workspace(workspace: StudioWorkspace) -> Non
     (workspace.root / "a.mp4").touch()
     assert source_text(workspace, "video:a.mp4") == f"video:{workspace.root / 'a.mp4'}"
     assert source_text(workspace, "usb:0") == "usb:0"
+    # a session takes this kind in any letters
+    refusal(InputError, "inside the workspace", source_text, workspace, f"VIDEO:{workspace.root / 'a.mp4'}")
 
 
 def test_the_bundled_clip_is_a_setup_whose_videos_begin_again(workspace: StudioWorkspace) -> None:

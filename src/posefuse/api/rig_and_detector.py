@@ -125,12 +125,13 @@ def detector(
         >>> len(found)  # no person there  # doctest: +SKIP
         0
     """
-    from posefuse.detection.build import DetectorChoice, device_word, fetch_networks, network_plugin
-    from posefuse.foundation.plugins import build_plugin, list_plugins
+    from posefuse.detection.build import DetectorChoice, checked_detector, device_word, fetch_networks, network_plugin
+    from posefuse.foundation.plugins import list_plugins
 
     names = {plugin.name for plugin in list_plugins("detectors")}
     plugin, chosen = (name, {}) if name in names else network_plugin(name)
     chosen |= {} if device is None else {"device": device_word(device)}
     chosen |= options or {}
-    fetch_networks(DetectorChoice(name=plugin, options=chosen))
-    return ImageDetector(build_plugin("detectors", plugin, chosen))
+    choice = DetectorChoice(name=plugin, options=chosen)
+    fetch_networks(choice)
+    return ImageDetector(checked_detector(choice))

@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from posefuse.core import ConfigError, Progress, silent
+from posefuse.core import ConfigError, ModelError, Progress, silent
 from posefuse.foundation.parsing import parse_toml, read_text
 from posefuse.foundation.settings import settings
 
 if TYPE_CHECKING:
-    from posefuse.core import Detector, Rig
+    from posefuse.core import Detections2D, Detector, Frame, Region, Rig
 
 
 @settings
@@ -29,14 +30,69 @@ class DetectorChoice:
 
 def build_detector(choice: DetectorChoice, rig: Rig) -> Detector:
     """Build the detector plug-in; one with an `up_rad` parameter gets the direction of up in each camera's image."""
-    from posefuse.foundation.plugins import build_plugin
-
     from . import up_angle_rad
 
     check_device(choice)
-    known = {"up_rad": {camera.name: up_angle_rad(camera) for camera in rig}}
+    return checked_detector(choice, {"up_rad": {camera.name: up_angle_rad(camera) for camera in rig}})
+
+
+def checked_detector(choice: DetectorChoice, known: dict[str, Any] | None = None) -> Detector:
+    """The plug-in, built; where it is of another package, what it does wrong is one line that names it.
+
+    Args:
+        known: facts of the session by option name, for a plug-in that has such an option.
+    """
+    from posefuse.foundation.plugins import build_plugin
+
     detector: Detector = build_plugin("detectors", choice.name, choice.options, known)
-    return detector
+    ours = type(detector).__module__.partition(".")[0] in ("posefuse", "posefuse_sim")
+    return detector if ours else _Checked(choice.name, detector)
+
+
+class _Checked:
+    """A detector of another package, and how it is called: its faults are not those of posefuse."""
+
+    def __init__(self, name: str, detector: Detector) -> None:
+        self._name, self._detector = name, detector
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._detector, name)
+
+    def detect(self, frames: Sequence[Frame], regions: Sequence[Sequence[Region] | None]) -> list[Detections2D]:
+        """See `core.Detector`; raises ModelError for anything that it raises, and for a rule that its answers break."""
+        try:
+            found = self._detector.detect(frames, regions)
+            rule = broken_rule(self._detector, frames, regions, found)
+            broken = rule and f"broken rule: {rule}"
+        except Exception as error:  # noqa: BLE001 - others' code may fail in any way
+            broken = f"{type(error).__name__}: {error}"
+        if broken:
+            raise ModelError(f"detector {self._name}: {broken}; `posefuse.evaluation.contracts.check_detector` tests it")
+        return found
+
+
+def broken_rule(
+    detector: Detector, frames: Sequence[Frame], regions: Sequence[Sequence[Region] | None], found: Sequence[Detections2D]
+) -> str:
+    """The first rule of `core.Detector` that answers break; empty where they keep all."""
+    import numpy as np
+
+    if len(found) != len(frames):
+        return f"one answer per frame ({len(frames)} asked, {len(found)} given)"
+    for frame, asked, answer in zip(frames, regions, found, strict=True):
+        seen = answer.score > 0
+        rules = {
+            "answers carry their frame's camera and time": (answer.camera, answer.t_ns) == (frame.camera, frame.t_ns),
+            "answers use the detector's skeleton": answer.skeleton == detector.skeleton,
+            f"one person per region ({len(asked or ())} asked, {len(answer)} given)": asked is None or len(answer) == len(asked),
+            "scores lie in [0, 1]": ((answer.score >= 0) & (answer.score <= 1)).all(),
+            "a scored keypoint has coordinates": np.isfinite(answer.xy_img[seen]).all(),
+            "a keypoint with score 0 is NaN": np.isnan(answer.xy_img[~seen]).all(),
+            "a scored keypoint has sigma_px > 0": (answer.sigma_px[seen] > 0).all(),
+        }
+        if broken := [rule for rule, holds in rules.items() if not holds]:
+            return broken[0]
+    return ""
 
 
 def check_device(choice: DetectorChoice) -> None:

@@ -45,6 +45,7 @@ from posefuse.core import (
     Source,
 )
 from posefuse.core.skeleton import BLAZEPOSE33
+from posefuse.detection.build import broken_rule
 from posefuse.kinematics import JointTracker
 from posefuse.outputs.drawing import jpeg_of
 
@@ -85,18 +86,10 @@ def check_detector(detector: Detector, frames: Sequence[Frame]) -> None:
     _require(detector.detect([], []) == [], "no frames give no answers")
     half = min(frames[0].size_wh) / 2
     region = Region(centre_img=np.array(frames[0].size_wh) / 2, side_px=2 * half)
-    for regions, people in (([None] * len(frames), None), ([[region]] * len(frames), 1), ([[]] * len(frames), 0)):
-        answers = detector.detect(frames, regions)
-        _require(len(answers) == len(frames), "one answer per frame")
-        for frame, answer in zip(frames, answers, strict=True):
-            _require((answer.camera, answer.t_ns) == (frame.camera, frame.t_ns), "answers carry their frame's camera and time")
-            _require(answer.skeleton == detector.skeleton, "answers use the detector's skeleton")
-            _require(people is None or len(answer) == people, f"one person per region ({people} asked, {len(answer)} given)")
-            seen = answer.score > 0
-            _require(bool(((answer.score >= 0) & (answer.score <= 1)).all()), "scores lie in [0, 1]")
-            _require(bool(np.isfinite(answer.xy_img[seen]).all()), "a scored keypoint has coordinates")
-            _require(bool(np.isnan(answer.xy_img[~seen]).all()), "a keypoint with score 0 is NaN")
-            _require(bool((answer.sigma_px[seen] > 0).all()), "a scored keypoint has sigma_px > 0")
+    asked: tuple[list[Region] | None, ...] = (None, [region], [])
+    for regions in ([one] * len(frames) for one in asked):
+        broken = broken_rule(detector, frames, regions, detector.detect(frames, regions))
+        _require(not broken, broken)
 
 
 def check_output(sink: Sink, recording: Recording, folder: Path) -> None:

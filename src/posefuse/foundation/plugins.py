@@ -28,6 +28,7 @@ OF_PACKAGES = {
     "outputs": {"mcap": "ros"},
     "live_outputs": {"record": "ros", "ros1": "ros", "ros2": "ros"},
 }
+_OURS = ("posefuse", "posefuse_ros", "posefuse_sim")
 # what a config builds; a live output is built in another process, so that its config is asked
 # by name: help of commands needs none of what they import
 _PROTOCOLS = {"sources": "Source", "detectors": "Detector", "outputs": "Sink", "live_outputs": "LiveOutputConfig"}
@@ -39,7 +40,7 @@ class Plugin:
 
     Attributes:
         kind: key of `GROUPS`. name: how users call it. package: distribution it came with.
-        config: its config class, None when it failed to import. reason: why it failed, "" when it did not.
+        config: its config class, None when it cannot be used. reason: why not, "" when it can.
     """
 
     kind: str
@@ -50,7 +51,7 @@ class Plugin:
 
 
 def list_plugins(kind: str) -> list[Plugin]:
-    """All plug-ins of a kind by name; one that fails to import is listed with its reason."""
+    """All plug-ins of a kind by name; one that cannot be used is listed with its reason."""
     return [_loaded(kind, entry) for entry in sorted(entry_points(group=GROUPS[kind]), key=lambda entry: entry.name)]
 
 
@@ -69,7 +70,7 @@ def plugin_config(kind: str, name: str, options: Mapping[str, Any], known: Mappi
 
     Raises:
         ConfigError: no such plug-in, or options it does not take.
-        DependencyError: it failed to import.
+        DependencyError: it failed to import, or is no settings class.
     """
     entries = {entry.name: entry for entry in entry_points(group=GROUPS[kind])}
     if name not in entries and name in OF_PACKAGES.get(kind, {}):
@@ -78,7 +79,7 @@ def plugin_config(kind: str, name: str, options: Mapping[str, Any], known: Mappi
         raise ConfigError(f"no plug-in {name!r} among {kind}; there are: {choices(sorted(entries))}")
     plugin = _loaded(kind, entries[name])
     if plugin.config is None:
-        raise DependencyError(f"plug-in {name} ({plugin.package}) cannot be imported: {plugin.reason}")
+        raise DependencyError(f"plug-in {name} ({plugin.package}) cannot be used: {plugin.reason}")
     usual = {key: value for key, value in (known or {}).items() if key in option_names(plugin)}
     config = settings_from_mapping({**usual, **options}, plugin.config, where=f"{kind} {name}")
     if kind == "live_outputs":
@@ -102,6 +103,12 @@ def from_package(group: str, name: str, *, extra: str) -> Any:
     raise DependencyError(f"{group} {name}: not installed; {install_words(extra)}")
 
 
+def sources_of_others() -> list[str]:
+    """Names of the sources that other packages bring, as they are given in ``CAMERA=NAME:WHERE``."""
+    entries = entry_points(group=GROUPS["sources"])
+    return sorted(entry.name for entry in entries if entry.module.partition(".")[0] not in _OURS)
+
+
 def option_names(plugin: Plugin) -> list[str]:
     """Names of the options a plug-in takes."""
     return [field.name for field in dataclasses.fields(plugin.config)] if plugin.config else []
@@ -110,6 +117,9 @@ def option_names(plugin: Plugin) -> list[str]:
 def _loaded(kind: str, entry: EntryPoint) -> Plugin:
     package = entry.dist.name if entry.dist else "unknown"
     try:
-        return Plugin(kind, entry.name, package, entry.load())
+        config = entry.load()
     except Exception as error:  # noqa: BLE001 - others' code may fail in any way; it is listed, not hidden
         return Plugin(kind, entry.name, package, None, f"{type(error).__name__}: {error}")
+    if not (isinstance(config, type) and dataclasses.is_dataclass(config) and hasattr(config, "build")):
+        return Plugin(kind, entry.name, package, None, f"expected a settings class with build(), got {entry.value}")
+    return Plugin(kind, entry.name, package, config)

@@ -6,11 +6,11 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, ExitStack, contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
-from typing import ClassVar, Protocol, Self, runtime_checkable
+from typing import Any, ClassVar, Protocol, Self, runtime_checkable
 
 import numpy as np
 
-from posefuse.core import Frame, Recording, Sink
+from posefuse.core import Frame, InputError, Recording, Sink
 
 Frames = Sequence[Frame | None]
 """The frames of one time step: axis C in the order of the rig, None where a camera has none."""
@@ -73,7 +73,7 @@ def write_each(sinks: Sequence[Sink], recording: Recording, folder: Path, frame_
                     whole, path = ExitStack(), folder / sink.file
                     open_files[place] = whole, whole.enter_context(sink.showing(recording, path)), path
                 else:
-                    made[place] = sink.write(recording, folder)
+                    made[place] = _files(sink.write(recording, folder), folder)
         for i, frames in every_time_step(recording, frame_sets or ()) if open_files else ():
             for place, (whole, show, _) in list(open_files.items()):
                 with _noted(failed, place):
@@ -91,6 +91,15 @@ def write_each(sinks: Sequence[Sink], recording: Recording, folder: Path, frame_
             made[place] = [path]
     files = tuple(path for place in sorted(made) for path in made[place])
     return OutputOutcome(files=files, failed={sinks[place].name: error for place, error in sorted(failed.items())})
+
+
+def _files(named: Iterable[Path] | None, folder: Path) -> list[Path]:
+    """What an output names; raises InputError unless these are files in the folder."""
+    found: list[Any] = [named] if named is None else [*named]
+    for path in found:
+        if not (isinstance(path, Path) and path.is_relative_to(folder) and path.is_file()):
+            raise InputError(f"write() named {path}, expected the path of a file that it made in the folder given")
+    return found
 
 
 @contextmanager

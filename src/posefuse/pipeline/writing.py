@@ -15,6 +15,7 @@ from posefuse.evaluation.biomechanics import BiomechanicsSettings, write_biomech
 from posefuse.evaluation.report import TITLE
 from posefuse.formats.recording import write_recording
 from posefuse.foundation.output_folder import OutputFolder, output_folder
+from posefuse.foundation.parsing import one_line
 from posefuse.foundation.plugins import build_plugin
 from posefuse.outputs.frames import FrameSink, write_each
 from posefuse.sources import CountedSource
@@ -200,7 +201,7 @@ def export_recording(
 def _reason(error: Exception) -> str:
     if isinstance(error, PosefuseError):
         return str(error)
-    return error.strerror if isinstance(error, OSError) and error.strerror else f"{type(error).__name__}: {error}"
+    return error.strerror if isinstance(error, OSError) and error.strerror else f"{type(error).__name__}: {one_line(error)}"
 
 
 # measured on the demo clip with room to spare: bytes per time step, person and keypoint, then per pixel of the video

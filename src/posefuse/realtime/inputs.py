@@ -10,7 +10,7 @@ from typing import Any, Literal
 
 from posefuse.core import ConfigError, Rig, SourceError
 from posefuse.core.errors import choices
-from posefuse.foundation.plugins import from_package
+from posefuse.foundation.plugins import from_package, plugin_config, sources_of_others
 from posefuse.sources.video import length_s
 
 from .capture import LiveInput
@@ -40,6 +40,7 @@ def inputs_from_arguments(
     Raises:
         SourceError: an argument that cannot be read, a camera the rig does not have, or a camera or source named twice.
         ConfigError: no such field of `ros`, or no such network.
+        DependencyError: a source of another package that cannot be used.
     """
     _check_ros(ros or {})
     found: dict[str, LiveInput] = {}
@@ -164,6 +165,9 @@ def _camera_input(argument: str, camera: str, kind: str, what: str, rest: str) -
     if kind == "usb" and rest:
         device, _, size = rest.partition("@")
         return LiveInput(camera, kind, StreamConfig(where=device, camera=camera, size=size), reopen=True)
-    if kind in KINDS:
+    others, name = sources_of_others(), what.partition(":")[0]
+    if name in others and rest:
+        return LiveInput(camera, name, plugin_config("sources", name, {"camera": camera, "where": rest}), reopen=True)
+    if kind in (*KINDS, *others):
         raise SourceError(f"source {argument}: expected where it is after {kind}:; e.g. {EXAMPLES}")
-    raise SourceError(f"source {argument}: kind {kind!r} is not known; there are: {choices(KINDS)}; e.g. {EXAMPLES}")
+    raise SourceError(f"source {argument}: kind {kind!r} is not known; there are: {choices((*KINDS, *others))}; e.g. {EXAMPLES}")

@@ -80,7 +80,7 @@ def delete_setup(workspace: StudioWorkspace, name: str) -> None:
 def source_text(workspace: StudioWorkspace, what: str) -> str:
     """A source with the file it names made absolute; raises InputError for a file outside the workspace."""
     kind, colon, rest = what.partition(":")
-    return f"{kind}:{workspace.existing(rest)}" if colon and kind in _FILES else what
+    return f"{kind}:{workspace.existing(rest)}" if colon and kind.lower() in _FILES else what
 
 
 def rig_of_setup(workspace: StudioWorkspace, setup: Setup) -> pf.Rig:

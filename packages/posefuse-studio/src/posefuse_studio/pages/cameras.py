@@ -9,6 +9,7 @@ from typing import Any
 from nicegui import ui
 
 from posefuse.core import InputError
+from posefuse.foundation.plugins import sources_of_others
 from posefuse_studio.jobs import WATCH
 from posefuse_studio.setups import Setup, delete_setup, found_sources, presets, save_setup, setup_named
 from posefuse_studio.shell import camera_tiles, card, dialog, icon_button, job_lines, recent, redrawn, refused, small, title
@@ -80,8 +81,9 @@ class _Chooser:
     def _address_card(self) -> None:
         def add() -> None:
             text = (what.value or "").strip()
-            if not text.startswith(_KINDS):
-                raise InputError(f"Expected an address that begins with {', '.join(_KINDS)}")
+            kinds = (*_KINDS, *(f"{name}:" for name in sources_of_others()))
+            if not text.startswith(kinds):
+                raise InputError(f"Expected an address that begins with {', '.join(kinds)}")
             self._add(f"cam{len(self._sources) + 1}", text)
             what.set_value("")
 

@@ -168,6 +168,13 @@ def _record_card(studio: Studio) -> None:
             stop = ui.button("Stop", icon="stop", on_click=lambda: live.ask("stop_recording"))
             stop.props("unelevated color=negative")
             ui.label().bind_text_from(live, "status", recorded).classes("pf-recording")
+        redrawn(lambda: recording_fault(live.status), lambda fault: light("bad", fault) if fault else None)
+
+
+def recording_fault(status: SessionStatus) -> str:
+    """Why the poses of the recording that runs are not written now; empty where they are, or are not wanted."""
+    record = status.outputs.get("record") if status.recording else None
+    return "" if record is None or record.state == "ok" else f"not recorded, {record.state}: {record.text}"
 
 
 def _angles_card(studio: Studio) -> None:
@@ -289,6 +296,8 @@ def _session_light(status: SessionStatus) -> tuple[str, str]:
     if not status.cameras:
         return "off", "no session runs"
     faulty = [name for name, one in status.cameras.items() if one.light == "bad"]
+    if fault := recording_fault(status):
+        return "bad", fault
     if status.recording:
         return ("bad" if faulty else "good"), f"recording {status.seconds:.0f} s"
     return ("bad", f"look at {', '.join(faulty)}") if faulty else ("good", f"people: {len(status.people)}")

@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
+from dataclasses import replace
 from functools import partial
 from typing import Any
 
@@ -144,7 +145,7 @@ class _Shown:
             names=dict(self._names),
             person=self._person,
             plots=self._plots,
-            outputs=dict(self._session.outputs),
+            outputs={name: replace(one, text=self._workspace.in_names(one.text)) for name, one in self._session.outputs.items()},
             wanted=list(self._wanted),
             latency_p95_ms=max(latencies, default=0.0) or None,
             news=[*map(self._workspace.in_names, self._session.news[-_MOST_NEWS:])],
