@@ -102,7 +102,7 @@ def scaled_motion(
         Coordinates in degrees and metres, under the model's own names.
 
     Raises:
-        see `scale_factors`; InputError: a place that cannot be written to, or OpenSim fails; names its log.
+        see `scale_factors`; InputError: a place that cannot be written to, or OpenSim fails.
     """
     body = body or bodies_from_poses(sequence)[int(sequence.person_id[person])]
     with logged_opensim(folder) as osim:
