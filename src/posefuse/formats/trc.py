@@ -1,7 +1,7 @@
 """TRC: marker trajectories as OpenSim reads them (tab-separated, Y up; read in m, cm or mm, written in m or mm).
 
-Converted at the door: (X, Y, Z) of the file = (Y, Z, X) of our world, which is Z up. A missing point is three cells of ``nan``, as OpenSim
-itself writes it: its reader refuses a row whose last cell is empty. Empty cells are read, too.
+Converted at the door: (X, Y, Z) of the file = (Y, Z, X) of our world, which is Z up. A missing point is three cells of ``nan``,
+as OpenSim itself writes it: its reader refuses a row whose last cell is empty. Empty cells are read, too.
 """
 
 from __future__ import annotations
