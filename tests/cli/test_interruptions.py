@@ -179,11 +179,17 @@ def test_frames_whose_detections_never_reached_the_disk_are_detected_again(track
     check_completed(track, out)
 
 
-def test_resume_where_nothing_was_interrupted_is_refused(track: Tracker, tmp_path: Path) -> None:
-    done = track(tmp_path / "resutl", "--resume")
-    assert done.returncode == 1
-    assert "resutl: nothing to resume: no interrupted work is there; is it the right folder?" in done.stderr.splitlines()[-1]
-    assert not (tmp_path / "resutl").exists()
+def test_resume_of_what_was_ended_before_its_first_detection_starts_and_says_so(track: Tracker, tmp_path: Path) -> None:
+    """What ends a program and starts it again does not know how far it was."""
+    out = tmp_path / "result"
+    track(out, at=([RUN, "open_session", 1, "SIGKILL"],))
+    assert not out.exists()
+    done = track(out, "--resume")
+    assert (done.returncode, results(out)) == (0, track.whole), done.stderr
+    assert "nothing to resume: starts from the beginning" in done.stderr
+    again = track(out, "--resume")
+    assert again.returncode == 1
+    assert "nothing to resume" not in again.stderr
 
 
 def test_interrupted_work_is_found_after_its_parent_folder_was_renamed(track: Tracker, tmp_path: Path) -> None:

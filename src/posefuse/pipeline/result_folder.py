@@ -36,7 +36,7 @@ class ResultFolder:
 
     Attributes:
         path: new or empty folder. force: move an older result aside, and drop interrupted work.
-        resume: continue the detections of a run that was interrupted.
+        resume: continue the detections of a run that was interrupted; from the beginning where it had none yet.
     """
 
     path: Path
@@ -53,8 +53,8 @@ class ResultFolder:
 
         Raises:
             ConfigError: an output that does not exist, or an option that it does not take.
-            InputError: the folder holds anything that may not be replaced, overlaps the session, holds interrupted work and
-                neither `resume` nor `force` was given, or holds none and `resume` was.
+            InputError: the folder holds anything that may not be replaced, overlaps the session, or holds interrupted work and
+                neither `resume` nor `force` was given.
         """
         build_sinks(config.outputs)
         check_outside_inputs(self.path, session.files)
@@ -69,6 +69,8 @@ class ResultFolder:
             InputError: as `check`; or the detections to continue were made from other inputs or with other settings.
         """
         unfinished = self._unfinished()
+        if self.resume and unfinished is None and not self.replace:
+            progress("detect", 0, None, "nothing to resume: starts from the beginning")
         try:
             with output_folder(
                 self.path,
@@ -100,8 +102,6 @@ class ResultFolder:
                 f"{self.path}: an earlier run was interrupted; `resume=True` continues it, `replace=True` starts from the "
                 "beginning"
             )
-        if found is None and self.resume and not (self.path / LOG_FILE).is_file():
-            raise InputError(f"{self.path}: nothing to resume: no interrupted work is there; is it the right folder?")
         return found
 
 
