@@ -33,6 +33,7 @@ STORING = ["posefuse.formats.detection_log", "_write_all", 25]
 SOLVING = [RUN, "solve_followed", 1]
 WRITING = [OUTPUTS, "write_recording", 1]
 EXPORTING = [OUTPUTS, "write_each", 1]
+FINISHING = ["posefuse.foundation.output_folder", "_finish", 1]
 
 
 @pytest.fixture(scope="module")
@@ -126,6 +127,7 @@ def test_a_stored_result_solves_again_to_the_last_bit(track: Tracker, tmp_path: 
         pytest.param([[*WRITING, "full"]], id="disk full while writing", marks=pytest.mark.slow),
         pytest.param([[*EXPORTING, "SIGTERM"]], id="terminated while exporting", marks=pytest.mark.slow),
         pytest.param([[*EXPORTING, "SIGKILL"]], id="killed while exporting", marks=pytest.mark.slow),
+        pytest.param([[*FINISHING, "SIGKILL"]], id="killed when all is written"),
     ],
 )
 def test_detections_are_kept_and_resume_gives_the_same_bytes(track: Tracker, tmp_path: Path, points: list[list]) -> None:

@@ -85,6 +85,9 @@ class ResultFolder:
                     shutil.copyfile(self.path / LOG_FILE, folder.folder / LOG_FILE)
                 with closing(DetectionStore(folder.folder, opened)) as store:
                     yield folder, store
+            if store.finished:
+                # not before the result is in its place: what ends the program there would lose both
+                (folder.target / LOG_FILE).unlink(missing_ok=True)
         except BaseException:
             if unfinished_work(self.path) is not None:
                 progress("detect", 0, None, KEPT)
@@ -127,12 +130,14 @@ class DetectionStore:
 
     Attributes:
         stored: the time steps that the earlier run finished, after which the log continues; None: it finished none.
+        finished: whether its detections are part of a finished result; to be set.
 
     Raises:
         InputError: the earlier run had other inputs or settings; names the first of them.
     """
 
     def __init__(self, folder: Path, opened: Opened) -> None:
+        self.finished = False
         self._path, made_with = folder / LOG_FILE, detection_dependencies(opened)
         earlier = read_log(self._path) if self._path.exists() else None
         if earlier is not None:
@@ -159,7 +164,7 @@ class DetectionStore:
         self._log.close()
 
     def discard(self) -> None:
-        """Remove the log: its detections are part of a finished result, or can give none."""
+        """Remove the log: its detections can give no result."""
         self.close()
         self._path.unlink(missing_ok=True)
 
