@@ -181,7 +181,7 @@ def test_frames_whose_detections_never_reached_the_disk_are_detected_again(track
     check_completed(track, out)
 
 
-def test_resume_of_what_was_ended_before_its_first_detection_starts_and_says_so(track: Tracker, tmp_path: Path) -> None:
+def test_resume_starts_what_was_ended_before_its_first_detection(track: Tracker, tmp_path: Path) -> None:
     """What ends a program and starts it again does not know how far it was."""
     out = tmp_path / "result"
     track(out, at=([RUN, "open_session", 1, "SIGKILL"],))
