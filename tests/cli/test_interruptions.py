@@ -33,6 +33,7 @@ STORING = ["posefuse.formats.detection_log", "_write_all", 25]
 SOLVING = [RUN, "solve_followed", 1]
 WRITING = [OUTPUTS, "write_recording", 1]
 EXPORTING = [OUTPUTS, "write_each", 1]
+FINISHING = ["posefuse.foundation.output_folder", "_finish", 1]
 
 
 @pytest.fixture(scope="module")
@@ -126,6 +127,7 @@ def test_a_stored_result_solves_again_to_the_last_bit(track: Tracker, tmp_path: 
         pytest.param([[*WRITING, "full"]], id="disk full while writing", marks=pytest.mark.slow),
         pytest.param([[*EXPORTING, "SIGTERM"]], id="terminated while exporting", marks=pytest.mark.slow),
         pytest.param([[*EXPORTING, "SIGKILL"]], id="killed while exporting", marks=pytest.mark.slow),
+        pytest.param([[*FINISHING, "SIGKILL"]], id="killed when all is written"),
     ],
 )
 def test_detections_are_kept_and_resume_gives_the_same_bytes(track: Tracker, tmp_path: Path, points: list[list]) -> None:
@@ -179,11 +181,17 @@ def test_frames_whose_detections_never_reached_the_disk_are_detected_again(track
     check_completed(track, out)
 
 
-def test_resume_where_nothing_was_interrupted_is_refused(track: Tracker, tmp_path: Path) -> None:
-    done = track(tmp_path / "resutl", "--resume")
-    assert done.returncode == 1
-    assert "resutl: nothing to resume: no interrupted work is there; is it the right folder?" in done.stderr.splitlines()[-1]
-    assert not (tmp_path / "resutl").exists()
+def test_resume_starts_what_was_ended_before_its_first_detection(track: Tracker, tmp_path: Path) -> None:
+    """What ends a program and starts it again does not know how far it was."""
+    out = tmp_path / "result"
+    track(out, at=([RUN, "open_session", 1, "SIGKILL"],))
+    assert not out.exists()
+    done = track(out, "--resume")
+    assert (done.returncode, results(out)) == (0, track.whole), done.stderr
+    assert "nothing to resume: starts from the beginning" in done.stderr
+    again = track(out, "--resume")
+    assert again.returncode == 1
+    assert "nothing to resume" not in again.stderr
 
 
 def test_interrupted_work_is_found_after_its_parent_folder_was_renamed(track: Tracker, tmp_path: Path) -> None:

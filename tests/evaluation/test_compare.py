@@ -14,7 +14,7 @@ from posefuse.core import InputError
 from posefuse.evaluation.compare import Tracks, _speed_costs, compare, comparison_page, similarity
 from posefuse.evaluation.tracks import plain_name, read_tracks
 from posefuse.formats.page import Note
-from posefuse.formats.trc import TrcData, write_trc
+from posefuse.formats.trc import TrcData, read_trc, write_trc
 
 NAMES = ("neck", "left_wrist", "right_wrist", "left_ankle", "right_ankle")
 
@@ -233,6 +233,21 @@ def test_a_result_is_the_same_as_each_of_its_files(demo_session, tmp_path, capsy
         [file] = result.glob(f"*.{kind}")
         found = figures(capsys, "compare", result, file)
         assert found["mean_mm"] < 0.01 and abs(found["offset_s"]) < 1e-4 and len(found["points"]) > 12
+
+
+def test_a_file_of_several_subjects_is_refused_by_their_names(trc: Path) -> None:
+    data = read_trc(trc)
+    both = [f"{subject}:{name}" for subject in ("Ann", "Ben") for name in data.names]
+    write_trc(trc, replace(data, names=tuple(both), xyz_world=np.concatenate([data.xyz_world, data.xyz_world + 1], axis=1)))
+    refusal(InputError, r"a\.trc: expected one subject, got Ann, Ben; export", read_tracks, trc)
+    write_trc(trc, replace(data, names=tuple(both[:4])))
+    assert read_tracks(trc).points[:4] == tuple(plain_name(name) for name in data.names)
+
+
+def test_a_point_that_a_file_has_under_two_names_counts_once() -> None:
+    a = mover(60)
+    twice = Tracks("twice", (*NAMES, NAMES[0]), a.t_s, np.concatenate([a.xyz_m, a.xyz_m[:, :1]], axis=1))
+    assert compare(twice, a).points == NAMES
 
 
 def test_mvnx_segments_become_joints(tmp_path: Path) -> None:

@@ -28,6 +28,19 @@ def some_points() -> C3dData:
     return C3dData(**named, xyz_world=xyz, sigma_m=sigma, rate_hz=29.97, angle_rad=angles, about=about)
 
 
+def test_a_file_that_states_y_up_is_turned_as_trc_is(tmp_path: Path) -> None:
+    data = some_points()
+    write_c3d(tmp_path / "z_up.c3d", data)
+    other: Any = ezc3d.c3d(str(tmp_path / "z_up.c3d"))
+    points = other["data"]["points"]
+    points[:3, :5] = points[[1, 2, 0], :5]
+    other["parameters"]["POINT"]["Y_SCREEN"]["value"] = ["+Y"]
+    other.write(str(tmp_path / "y_up.c3d"))
+    read = read_c3d(tmp_path / "y_up.c3d")
+    np.testing.assert_allclose(read.xyz_world, data.xyz_world, atol=1e-6)
+    np.testing.assert_allclose(read.angle_rad, data.angle_rad, atol=1e-6)
+
+
 def test_round_trip(tmp_path: Path) -> None:
     data = some_points()
     write_c3d(tmp_path / "a.c3d", data)

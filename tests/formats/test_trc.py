@@ -42,7 +42,7 @@ def test_the_header_is_opensims(tmp_path: Path) -> None:
     assert lines[3] == "Frame#\tTime\tmarker 0\t\t\tmarker 1\t\t\tmarker 2\t\t"
     assert lines[4] == "\t\tX1\tY1\tZ1\tX2\tY2\tZ2\tX3\tY3\tZ3"
     assert lines[5] == ""
-    assert lines[8].split("\t")[2:5] == ["", "", ""]
+    assert lines[8].split("\t")[2:5] == ["nan", "nan", "nan"]
 
 
 def test_real_references(shared_data: Path, tmp_path: Path) -> None:

@@ -12,6 +12,7 @@ from motions import columns_of
 
 from posefuse.core import DependencyError, InputError, PoseSequence
 from posefuse.formats.mot import motion_from_joints, write_mot
+from posefuse.formats.trc import TrcData, write_trc
 from posefuse.kinematics import joints_from_poses, opensim_path
 from posefuse.kinematics.body import bodies_from_poses
 from posefuse.kinematics.opensim_path import LOG_FILE, MODEL_FILE, MOTION_FILE, opensim_motion, write_opensim_model
@@ -110,6 +111,40 @@ def test_a_motion_moves_a_model_to_the_points(solved, osim):
             if name.split("_")[-1] in ("hip", "ankle", "shoulder", "wrist"):
                 wanted_m = sequence.xyz_world[i, 0, sequence.skeleton.index(name)][[1, 2, 0]]
                 np.testing.assert_allclose(found_m, wanted_m, atol=0.005, err_msg=name)
+
+
+def test_it_opens_points_of_which_some_are_missing(osim, tmp_path):
+    """The last marker, a whole time step, and single ones: its reader counts cells."""
+    xyz = np.random.default_rng(3).normal(size=(5, 3, 3)) * [1, 2, 3]
+    xyz[0, -1], xyz[2], xyz[3, 0] = np.nan, np.nan, np.nan
+    write_trc(tmp_path / "a.trc", TrcData(names=("a", "b", "c"), t_s=np.arange(5) / 30, xyz_world=xyz, rate_hz=30.0))
+    table = osim.TimeSeriesTableVec3(str(tmp_path / "a.trc"))
+    read = np.array([[table.getRowAtIndex(i)[k].to_numpy() for k in range(3)] for i in range(5)])
+    np.testing.assert_allclose(read, xyz[..., [1, 2, 0]], atol=1e-6)
+
+
+def test_a_person_who_comes_late_hides_and_leaves_early_moves_while_seen(solved, osim, tmp_path):
+    _, sequence, whole = solved
+    hidden = sequence
+    for steps in (slice(0, 5), slice(18, 22), slice(35, None)):
+        hidden = unseen(hidden, *sequence.skeleton.keypoints, steps=steps)
+    hidden = unseen(hidden, *sequence.skeleton.keypoints[3:], steps=slice(10, 12))
+    opensim_motion(hidden, tmp_path, body=bodies_from_poses(sequence)[0])
+    motion, seen = columns_of(tmp_path / MOTION_FILE), np.r_[5:10, 12:18, 22:35]
+    np.testing.assert_allclose(motion["time"], sequence.t_ns[seen] * 1e-9, atol=1e-6)
+    for coordinate in OURS:
+        np.testing.assert_allclose(motion[coordinate], whole[coordinate][seen], atol=1.0, err_msg=coordinate)
+
+
+def test_what_fails_in_it_is_named_with_its_reason(solved, tmp_path):
+    def without_markers():
+        with opensim_path.logged_opensim(tmp_path) as library:
+            tool = library.InverseKinematicsTool()
+            tool.set_model_file(str(solved[0] / MODEL_FILE))
+            tool.setMarkerDataFileName(str(tmp_path / "none.trc"))
+            tool.run()
+
+    refusal(InputError, r"OpenSim failed \(InverseKinematicsTool Failed: .*none\.trc", without_markers)
 
 
 def stretched(body, factor: float):

@@ -223,6 +223,11 @@ def test_a_pose2sim_project_is_tracked_by_one_command(project: Path, tmp_path: P
     assert np.nanmax(np.linalg.norm(poses.xyz_world[:, 0] - person(), axis=-1)) < 0.01
 
 
+def test_a_scale_of_2d_poses_is_refused_because_their_size_is_not_known(project: Path, tmp_path: Path, capsys) -> None:
+    assert track(project, tmp_path / "out", "--set", "cameras.cam01.scale=true") == 1
+    assert "camera cam01: scale: 2D poses do not state the size of their images; scale size and matrix" in capsys.readouterr().err
+
+
 @pytest.mark.parametrize(("metres", "tall"), [(0.1, r"0\.1\d"), (3.28, r"(5\.9|6\.0)\d")], ids=["decimetres", "feet"])
 def test_translations_in_another_unit_show_in_the_size_of_people(
     project: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], ring_rig: Callable[..., Rig], metres: float, tall: str

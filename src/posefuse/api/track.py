@@ -64,7 +64,7 @@ def track(
             nothing.
         formats: outputs to write there, e.g. ``("trc", "c3d")``; see `posefuse plugins`. None: those that ``posefuse.toml``
             names, else trc, c3d, csv, overlay and overview.
-        resume: continue the interrupted work of `out`.
+        resume: continue the interrupted work of `out`; from the beginning where there is none.
         replace: move an earlier result that is there to ``NAME.replaced-TIME``.
         keep_partial: Ctrl-C does not raise: what was detected until then is solved, written and returned.
         view: open the result in the Rerun viewer at the end (extra ``viewer``).

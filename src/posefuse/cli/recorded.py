@@ -51,7 +51,7 @@ class TrackOptions(SettingsOptions, NetworkOptions):
         out: Folder for the result; must not exist, unless with --force or --resume.
         view: Open the result in the Rerun viewer (extra: viewer).
         replace: Replace the results in DIR, and start interrupted work from the beginning.
-        resume: Continue where the same command was interrupted.
+        resume: Continue where the same command was interrupted, or start.
     """
 
     out: Annotated[Path, Parameter(metavar="DIR", group=_MAKES)]

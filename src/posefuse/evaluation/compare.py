@@ -201,7 +201,7 @@ def compare(
     Raises:
         InputError: too little in common.
     """
-    points = [p for p in a.points if p in b.points]
+    points = [p for p in dict.fromkeys(a.points) if p in b.points]
     if (len(points) < 3 and space) or not points:
         raise InputError(
             f"{a.name} and {b.name} have {len(points)} points in common, too few to align; "

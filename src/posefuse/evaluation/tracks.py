@@ -11,6 +11,7 @@ import numpy as np
 
 from posefuse.core import InputError, PoseSequence
 from posefuse.core.arrays import Array, known_median
+from posefuse.core.errors import choices
 from posefuse.formats.c3d import C3dData, read_c3d
 from posefuse.formats.named_points import NamedPoints, read_mvnx, read_points_csv
 from posefuse.formats.trc import read_trc
@@ -58,8 +59,16 @@ def plain_name(name: str) -> str:
 
 
 def named_tracks(path: Path, names: tuple[str, ...], t_s: Array, xyz_m: Array) -> Tracks:
-    """Points by their plain names, with neck and mid_hip where they follow; raises InputError for what cannot be a recording."""
+    """Points by their plain names, with neck and mid_hip where they follow.
+
+    Raises:
+        InputError: what cannot be a recording, or points of several subjects (``Ann:LKnee``, ``Ben:LKnee``).
+    """
     points = [plain_name(name) for name in names]
+    of_subjects = [name for name, point in zip(names, points, strict=True) if ":" in name and points.count(point) > 1]
+    subjects = dict.fromkeys(name.rpartition(":")[0] for name in of_subjects)
+    if len(subjects) > 1:
+        raise InputError(f"{path}: expected one subject, got {choices(subjects)}; export each to a file of its own")
     middles = {"neck": ("left_shoulder", "right_shoulder"), "mid_hip": ("left_hip", "right_hip")}
     for name, (one, two) in middles.items():
         if name not in points and one in points and two in points:

@@ -1,6 +1,7 @@
 """C3D: points over time as biomechanics tools read them (Mokka, Visual3D, Vicon, OpenSim); written by ezc3d.
 
-Converted on reading and writing: millimetres and degrees; axes stay ours (Z up, stated by ``POINT:Y_SCREEN = +Z``). A missing
+Converted on reading and writing: millimetres and degrees. Axes stay ours: Z is up, which ``POINT:Y_SCREEN = +Z`` states; a file
+that states ``+Y`` is turned as TRC is. A missing
 point has the residual -1. The residual of a point is its standard deviation in millimetres.
 """
 
@@ -151,7 +152,7 @@ def _points_of(data: C3dData, part: slice, step_mm: float) -> Array:
 
 
 def read_c3d(path: Path | str) -> C3dData:
-    """Read a C3D file whose world is Z up, as lab systems and `write_c3d` make it.
+    """Read a C3D file whose world is Z up, as lab systems and `write_c3d` make it, or Y up, where the file states that.
 
     Points listed under POINT:ANGLES become angles; other kinds (forces, moments, powers) are left out.
 
@@ -177,7 +178,7 @@ def read_c3d(path: Path | str) -> C3dData:
     rate_hz, about = _rate(path, point), _about(blocks.parameters)
     return C3dData(
         names=tuple(label for label, chosen in zip(labels, is_point, strict=True) if chosen),
-        xyz_world=points[:, is_point] * metres,
+        xyz_world=(points[:, is_point] * metres)[..., [2, 0, 1] if _text(point, "Y_SCREEN") == "+Y" else [0, 1, 2]],
         sigma_m=np.where(missing, np.nan, residual * metres)[:, is_point],
         rate_hz=rate_hz,
         begin_s=_begin_s(about, (blocks.first_frame - 1) / rate_hz),

@@ -64,7 +64,7 @@ def motion_from_joints(joints: JointAngles, person: int = 0, name: str = "posefu
     t_s = joints.t_ns * 1e-9
     known = np.isfinite(np.stack(list(columns.values())))
     # the whole-body fit carries a pelvis on for a while, and nothing else
-    rows = _longest_presence(t_s, known.sum(axis=0) > known.any(axis=1).sum() / 2)
+    rows = longest_presence(t_s, known.sum(axis=0) > known.any(axis=1).sum() / 2)
     whole, t_s = len(rows) == len(t_s), t_s[rows]
     kept: dict[str, Array] = {}
     bridged, left_out = 0, []
@@ -108,7 +108,7 @@ def _turns(rotation: Array) -> dict[str, Array]:
     return {"tilt": np.degrees(about_z), "list": np.degrees(about_x), "rotation": np.degrees(about_y)}
 
 
-def _longest_presence(t_s: Array, known: Array) -> Array:
+def longest_presence(t_s: Array, known: Array) -> Array:
     """Numbers of the time steps from the first to the last of the longest time without a gap that is too long to bridge."""
     there = np.flatnonzero(known)
     pieces = np.split(there, np.flatnonzero(np.diff(t_s[there]) > _LONGEST_BRIDGE_S) + 1)

@@ -1,6 +1,7 @@
 """TRC: marker trajectories as OpenSim reads them (tab-separated, Y up; read in m, cm or mm, written in m or mm).
 
-Converted at the door: (X, Y, Z) of the file = (Y, Z, X) of our world, which is Z up. A missing point is an empty cell.
+Converted at the door: (X, Y, Z) of the file = (Y, Z, X) of our world, which is Z up. A missing point is three cells of ``nan``,
+as OpenSim itself writes it: its reader refuses a row whose last cell is empty. Empty cells are read, too.
 """
 
 from __future__ import annotations
@@ -85,8 +86,7 @@ def write_trc(path: Path | str, data: TrcData, units: Literal["m", "mm"] = "m") 
 
 
 def _line(number: int, t_s: float, row: Array, digits: int) -> str:
-    cells = [f"{value:.{digits}f}" if math.isfinite(value) else "" for value in row]
-    return "\t".join([str(number), f"{t_s:.6f}", *cells])
+    return "\t".join([str(number), f"{t_s:.6f}", *(f"{value:.{digits}f}" for value in row)])
 
 
 def _lines(path: Path) -> list[str]:

@@ -22,6 +22,7 @@ import numpy as np
 from posefuse.core import DependencyError, InputError, PoseSequence
 from posefuse.core.arrays import Array
 from posefuse.core.skeleton import SIDES
+from posefuse.formats.mot import longest_presence
 from posefuse.formats.trc import TrcData, write_trc
 from posefuse.foundation.parsing import one_line
 
@@ -93,7 +94,7 @@ def opensim_motion(sequence: PoseSequence, folder: Path, person: int = 0, body: 
 
     Raises:
         DependencyError: the `opensim` package is missing.
-        InputError: the person has no skeleton, or OpenSim fails; names its log.
+        InputError: the person has no skeleton, or OpenSim fails.
     """
     body = body or bodies_from_poses(sequence)[int(sequence.person_id[person])]
     with logged_opensim(folder) as osim:
@@ -104,7 +105,7 @@ def opensim_motion(sequence: PoseSequence, folder: Path, person: int = 0, body: 
 
 @contextmanager
 def logged_opensim(folder: Path) -> Iterator[Any]:
-    """The `opensim` package, which writes its log into this folder; its failures become an InputError that names the log.
+    """The `opensim` package, which writes its log into this folder; its failures become an InputError with the log's last error.
 
     Raises:
         DependencyError: the `opensim` package is missing. InputError: no such folder, or OpenSim fails.
@@ -120,7 +121,9 @@ def logged_opensim(folder: Path) -> Iterator[Any]:
     try:
         yield osim
     except RuntimeError as error:
-        raise InputError(f"{folder}: OpenSim failed ({one_line(error)}); see {log}") from None
+        # not the file's name: a report that fails leaves no folder behind
+        reasons = [line.partition("[error] ")[2] for line in log.read_text(errors="replace").splitlines() if "[error] " in line]
+        raise InputError(f"{folder}: OpenSim failed ({one_line(reasons[-1] if reasons else error)})") from None
     finally:
         osim.Logger.removeFileSink()
 
@@ -136,11 +139,19 @@ def inverse_kinematics(
 ) -> None:
     """Write the motion of a model with markers that are named like keypoints, and next to it the keypoints as TRC.
 
+    Both hold the longest time in which the person is there (`longest_presence`), without the time steps of it that have half of
+    the markers or fewer: OpenSim fails at the first that has none, and makes up most of the others.
+
     `held` names coordinates that stay near their default: what the keypoints do not determine.
     """
     t_s = sequence.t_ns * 1e-9
     rate_hz = (len(t_s) - 1) / float(np.ptp(t_s)) if len(t_s) > 1 else 1.0
     xyz = sequence.xyz_world[:, person, [sequence.skeleton.index(name) for name in names]]
+    seen = np.isfinite(xyz).all(axis=-1).sum(axis=1)
+    there = seen > seen.max() / 2
+    rows = longest_presence(t_s, there)
+    rows = rows[there[rows]]
+    t_s, xyz = t_s[rows], xyz[rows]
     trc = motion.with_suffix(".trc")
     write_trc(trc, TrcData(names=tuple(names), t_s=t_s, xyz_world=xyz, rate_hz=rate_hz))
     tool = osim.InverseKinematicsTool()

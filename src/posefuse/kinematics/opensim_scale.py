@@ -96,7 +96,7 @@ def scaled_motion(model_path: Path, sequence: PoseSequence, folder: Path, person
         person: place on axis N. body: the person's skeleton; estimated from the recording when not given.
 
     Raises:
-        see `scale_factors`; InputError: a place that cannot be written to, or OpenSim fails; names its log.
+        see `scale_factors`; InputError: a place that cannot be written to, or OpenSim fails.
     """
     body = body or bodies_from_poses(sequence)[int(sequence.person_id[person])]
     with logged_opensim(folder) as osim:

@@ -281,7 +281,16 @@ def _check_one_skeleton(folders: list[Pose2DFrames]) -> None:
 
 
 def stated_rig(session: Session) -> Rig:
-    """The cameras of 2D poses in the order of the inputs: a stated crop moves the image, whose size is not in these files."""
+    """The cameras of 2D poses in the order of the inputs: a stated crop moves the image, whose size is not in these files.
+
+    Raises:
+        InputError: a stated scale, which would need that size.
+    """
+    if scaled := [entry.camera for entry in session.inputs if entry.settings.scale]:
+        raise InputError(
+            f"{session.folder}: camera {choices(scaled)}: scale: 2D poses do not state the size of their images; "
+            f"scale size and matrix in {session.rig_path} instead"
+        )
     cameras = [(session.rig[entry.camera], entry.settings.crop) for entry in session.inputs]
     fitted = tuple(camera.cropped(*crop, camera.size_wh) if crop else camera for camera, crop in cameras)
     return dataclasses.replace(session.rig, cameras=fitted)

@@ -36,7 +36,7 @@ class ResultFolder:
 
     Attributes:
         path: new or empty folder. force: move an older result aside, and drop interrupted work.
-        resume: continue the detections of a run that was interrupted.
+        resume: continue the detections of a run that was interrupted; from the beginning where it had none yet.
     """
 
     path: Path
@@ -53,8 +53,8 @@ class ResultFolder:
 
         Raises:
             ConfigError: an output that does not exist, or an option that it does not take.
-            InputError: the folder holds anything that may not be replaced, overlaps the session, holds interrupted work and
-                neither `resume` nor `force` was given, or holds none and `resume` was.
+            InputError: the folder holds anything that may not be replaced, overlaps the session, or holds interrupted work and
+                neither `resume` nor `force` was given.
         """
         build_sinks(config.outputs)
         check_outside_inputs(self.path, session.files)
@@ -69,6 +69,8 @@ class ResultFolder:
             InputError: as `check`; or the detections to continue were made from other inputs or with other settings.
         """
         unfinished = self._unfinished()
+        if self.resume and unfinished is None and not self.replace:
+            progress("detect", 0, None, "nothing to resume: starts from the beginning")
         try:
             with output_folder(
                 self.path,
@@ -83,6 +85,9 @@ class ResultFolder:
                     shutil.copyfile(self.path / LOG_FILE, folder.folder / LOG_FILE)
                 with closing(DetectionStore(folder.folder, opened)) as store:
                     yield folder, store
+            if store.finished:
+                # not before the result is in its place: what ends the program there would lose both
+                (folder.target / LOG_FILE).unlink(missing_ok=True)
         except BaseException:
             if unfinished_work(self.path) is not None:
                 progress("detect", 0, None, KEPT)
@@ -100,8 +105,6 @@ class ResultFolder:
                 f"{self.path}: an earlier run was interrupted; `resume=True` continues it, `replace=True` starts from the "
                 "beginning"
             )
-        if found is None and self.resume and not (self.path / LOG_FILE).is_file():
-            raise InputError(f"{self.path}: nothing to resume: no interrupted work is there; is it the right folder?")
         return found
 
 
@@ -127,12 +130,14 @@ class DetectionStore:
 
     Attributes:
         stored: the time steps that the earlier run finished, after which the log continues; None: it finished none.
+        finished: whether its detections are part of a finished result; to be set.
 
     Raises:
         InputError: the earlier run had other inputs or settings; names the first of them.
     """
 
     def __init__(self, folder: Path, opened: Opened) -> None:
+        self.finished = False
         self._path, made_with = folder / LOG_FILE, detection_dependencies(opened)
         earlier = read_log(self._path) if self._path.exists() else None
         if earlier is not None:
@@ -159,7 +164,7 @@ class DetectionStore:
         self._log.close()
 
     def discard(self) -> None:
-        """Remove the log: its detections are part of a finished result, or can give none."""
+        """Remove the log: its detections can give no result."""
         self.close()
         self._path.unlink(missing_ok=True)
 

@@ -119,8 +119,7 @@ def track_session(
             with clock.stage("write"):
                 files, failed = write_result(recording, session, sinks, folder, progress)
             warn_of_failures(failed)
-            if not tracked.interrupted:
-                store.discard()
+            store.finished = not tracked.interrupted
             return dataclasses.replace(tracked, files=files, failed=failed)
 
 
