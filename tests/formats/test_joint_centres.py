@@ -50,8 +50,7 @@ def test_the_tables_of_the_package_are_as_the_fit_writes_them(card: str) -> None
 def test_a_wrong_table_is_refused_in_one_line(tmp_path: Path, content: str, words: list[str]) -> None:
     path = tmp_path / "wrong.toml"
     path.write_text(content)
-    message = refusal(ConfigError, "", read_joint_centres, path)
-    assert "wrong.toml" in message
+    message = refusal(ConfigError, "wrong.toml", read_joint_centres, path)
     assert all(word in message for word in words)
 
 
