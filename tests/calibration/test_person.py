@@ -280,6 +280,23 @@ def test_people_are_followed_through_frames_without_them(lab: Any) -> None:
         assert min(np.median(one, axis=1).max() for one in away) < 4
 
 
+def test_two_at_one_place_of_an_image_stay_two_tracks(lab: Any) -> None:
+    """One in front and one half as large behind, about one point; left and right are swapped in some frames."""
+    random, camera = np.random.default_rng(7), lab.rig.cameras[0]
+    body = camera.project(walker(T_S[:1]))[0]
+    body = body - np.median(body, axis=0)
+    seen = np.stack([body, body / 2]) + 400 + random.normal(0, 3.0, (len(T_S), 2, len(BODY), 2))
+    swapped = random.random((len(T_S), 2)) < 0.1
+    seen[swapped] = seen[swapped][:, BODY.mirror]
+    orders = [random.permutation(2) for _ in T_S]
+    frames = [detections(camera.name, xy[o], round(t * 1e9), sigma_px=3.0) for t, xy, o in zip(T_S, seen, orders, strict=True)]
+    tracks = people_tracks(camera.name, frames)
+    assert len(tracks) == 2
+    for track in tracks:
+        away = np.linalg.norm(seen - track.xy_img[:, None], axis=-1).max(axis=-1)
+        assert len(set(away.argmin(axis=1))) == 1
+
+
 # --- a person as users calibrate from them: by the public function, in any order of the cameras, and with cameras that move
 
 

@@ -259,6 +259,20 @@ def test_two_people_keep_their_names_and_a_bystander_has_none(world, detections_
     assert sorted(np.sign(centres[0, :, 1])) == [-1, 1]
 
 
+@pytest.mark.parametrize("first", range(4))
+def test_who_is_seen_once_by_two_synchronised_cameras_is_found_whichever_camera_comes_next(world, detections_of, first):
+    """As whole images are searched now and then, a person who is not followed is seen in single frames."""
+    w = world(motion="stand")
+    places = [w.place(0), w.place(0) + (0.0, 1.5, 0.0)]
+    tracker = w.tracker(max_people=2)
+    for i in range(8):
+        for c in np.roll(range(4), -first if i == 7 else 0):
+            people = places if i == 6 and c < 2 else places[:1]
+            camera = w.rig.cameras[c]
+            tracker.add(detections_of(camera.name, i / 30, *(camera.project(xyz) for xyz in people)))
+    assert len(tracker.at(round(7 / 30 * 1e9)).person_id) == 2
+
+
 def test_bent_lenses_are_undone(world):
     w = world(distortion=(-0.25, 0.08, 0.001, -0.002, 0.0))
     _, poses = run(w, w.views(2.0), 2.0)

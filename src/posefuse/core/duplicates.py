@@ -28,8 +28,7 @@ def duplicates(detections: Detections2D, share: float, sure: Array | None = None
     xy = np.where(seen[..., None], detections.xy_img, np.nan).astype(np.float64)
     box = keypoint_boxes(xy, detections.score)
     side = np.nan_to_num(box[:, 2:] - box[:, :2]).max(axis=-1)
-    apart = np.minimum(_median_distances(xy, xy), _median_distances(xy, xy[:, detections.skeleton.mirror]))
-    close = apart < share * np.maximum(side[:, None], side)
+    close = bodies_apart(xy, xy, detections.skeleton.mirror) < share * np.maximum(side[:, None], side)
     sure = np.where(seen, detections.score, 0.0).sum(axis=1) if sure is None else sure
     kept: list[int] = []
     for p in np.argsort(-sure, kind="stable").tolist():
@@ -38,6 +37,14 @@ def duplicates(detections: Detections2D, share: float, sure: Array | None = None
         else:
             kept.append(p)
     return repeated
+
+
+def bodies_apart(one: Array, other: Array, mirror: Array) -> Array:
+    """(P, Q) median distance of the keypoints of bodies (P, K, 2) and (Q, K, 2) in px; inf where they share too few.
+
+    A body with left and right swapped is the same body: the smaller distance, of the names as they are and swapped, counts.
+    """
+    return np.minimum(_median_distances(one, other), _median_distances(one, other[:, mirror]))
 
 
 def _median_distances(one: Array, other: Array) -> Array:

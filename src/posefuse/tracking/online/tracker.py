@@ -104,6 +104,9 @@ class Tracker:
                 camera.count(found)
                 tracks[looked_at[p]] = person.id
         self._cross_check(detections.t_ns)
+        if self._model.settings.max_people > 1:
+            # synchronised views wait for each other until the next frame, which takes the place of this camera's last one
+            self._look_for_newcomers()
         self._keep_unclaimed(detections, {p for _, p in claims})
         self._forget()
         self._look_for_newcomers()
