@@ -118,9 +118,7 @@ class VideoKeeper:
         self._missing += frames
 
     def offer(self, image: Pixels | EncodedFrame, t_ns: int) -> None:
-        """A frame of time `t_ns` since the session's zero; dropped and counted where there is no room."""
-        if t_ns < 0:
-            return
+        """A frame of time `t_ns` since the session's zero; dropped and counted where there is no room, or when it is not new."""
         if self._take_room(-_bytes_of(image)):
             self._queue.put((image, t_ns))
         else:
