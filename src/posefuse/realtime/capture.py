@@ -100,7 +100,7 @@ class Capture:
 
     def open(self) -> None:
         """Open the source now, so that what is wrong shows at the start; raises SourceError."""
-        self._open()
+        self._source = self._opened()
 
     def replace_keeper(self, keeper: VideoKeeper | None) -> None:
         """Give every frame to this video, too, from now on, or to none; a former one is finished meanwhile."""
@@ -170,9 +170,9 @@ class Capture:
                 return
             self._stop.wait(_RETRY_S)
 
-    def _open(self, zero_ns: int | None = None) -> None:
+    def _opened(self, zero_ns: int | None = None) -> Source:
         self._opened_ns = SessionClock.begin().offset_ns
-        self._source = self.entry.open(self._camera, zero_ns)
+        return self.entry.open(self._camera, zero_ns)
 
     @property
     def _period_ns(self) -> int:
@@ -186,7 +186,7 @@ class Capture:
     def _deliver(self, zero_ns: int, later_ns: int) -> None:
         """Frames of one showing of the source, which begins `later_ns` after zero."""
         if self._source is None or self.entry.from_zero:
-            self._open(zero_ns + later_ns)
+            self._source = self._opened(zero_ns + later_ns)
         still, before = 0, None
         # others may have counted before they were opened, and the machine's clock may have been set since the session began
         seq, shift_ns = (
