@@ -15,7 +15,6 @@ from posefuse.core import Camera, Frame, PosefuseError, Source, SourceError
 from posefuse.foundation.parsing import one_line
 from posefuse.health.camera_monitor import CameraState
 
-from .messages import SessionClock
 from .video_keeping import VideoKeeper
 
 _RETRY_S = 1.0
@@ -171,7 +170,7 @@ class Capture:
             self._stop.wait(_RETRY_S)
 
     def _opened(self, zero_ns: int | None = None) -> Source:
-        self._opened_ns = SessionClock.begin().offset_ns
+        self._opened_ns = time.time_ns() - time.monotonic_ns()
         return self.entry.open(self._camera, zero_ns)
 
     @property
