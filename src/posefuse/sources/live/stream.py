@@ -157,19 +157,20 @@ class StampClock:
                 # the camera has set its clock back: offsets from before mean nothing
                 self._offsets.clear()
             self._stamp_ns = stamp_ns
-        t_ns = arrived_ns if stamp_ns is None else stamp_ns + self._offset(arrived_ns - stamp_ns, arrived_ns)
+        t_ns = arrived_ns if stamp_ns is None else stamp_ns + self._offset(arrived_ns - stamp_ns, stamp_ns)
         t_ns -= self._delay_ns
         if self._newest_ns is not None:
             t_ns = max(t_ns, self._newest_ns + _LEAST_STEP_NS)
         self._newest_ns = t_ns
         return t_ns
 
-    def _offset(self, offset_ns: int, now_ns: int) -> int:
-        # a queue of increasing offsets: its head is the least within the window
+    def _offset(self, offset_ns: int, stamp_ns: int) -> int:
+        # a queue of increasing offsets: its head is the least within the window, which counts by stamps: images that waited in
+        # the network come all at once
         while self._offsets and self._offsets[-1][1] >= offset_ns:
             self._offsets.pop()
-        self._offsets.append((now_ns, offset_ns))
-        while self._offsets[0][0] < now_ns - _FOLLOW_NS:
+        self._offsets.append((stamp_ns, offset_ns))
+        while self._offsets[0][0] < stamp_ns - _FOLLOW_NS:
             self._offsets.popleft()
         return self._offsets[0][1]
 
