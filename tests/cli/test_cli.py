@@ -74,6 +74,16 @@ def test_doctor_is_ready_before_the_first_download(monkeypatch: pytest.MonkeyPat
     assert not checks["model blazepose_full"]["ok"] and not checks["model blazepose_full"]["needed"]
 
 
+@pytest.mark.parametrize("there", [True, False])
+def test_doctor_of_a_cache_that_can_only_be_read(there: bool, monkeypatch: pytest.MonkeyPatch, capsys) -> None:
+    """`track` works with networks that another user has put there; it cannot fetch any."""
+    monkeypatch.setattr(machine, "status", lambda card, folder: "ready" if there else "missing")
+    monkeypatch.setattr("os.access", lambda path, mode: mode != os.W_OK)
+    [cache] = [one for one in json.loads(run(capsys, "doctor", "--json")[1])["checks"] if one["name"] == "model cache"]
+    assert not cache["ok"] and "cannot be written" in cache["found"] and "POSEFUSE_CACHE" in cache["cure"]
+    assert cache["needed"] is not there
+
+
 @pytest.mark.parametrize("system", ["win32", "darwin"])
 def test_doctor_on_systems_with_a_desktop(monkeypatch: pytest.MonkeyPatch, system: str) -> None:
     """No DISPLAY, cameras by the names that FFmpeg lists."""
@@ -100,6 +110,13 @@ def test_doctor_is_not_ready_where_track_cannot_begin(monkeypatch: pytest.Monkey
     assert code == 0 and not json.loads(out)["ready"]
     assert "sched_getaffinity" in tracking["found"] and tracking["cure"]
     assert "Not ready" in err and "Ready:" not in err
+
+
+def test_commands_need_no_docstrings(tmp_path: Path) -> None:
+    """Python leaves them out where PYTHONOPTIMIZE is 2, as in some containers: help has fewer words then."""
+    done = python("-m", "posefuse", "track", str(tmp_path / "nowhere"), "--out", str(tmp_path / "o"), PYTHONOPTIMIZE="2")
+    assert (done.returncode, done.stdout) == (1, "") and done.stderr.count("\n") == 1
+    assert "no such session folder" in done.stderr
 
 
 def test_demo_takes_the_clip_of_the_package_and_prints_the_next_step(monkeypatch, capsys, tmp_path, demo_session) -> None:

@@ -8,7 +8,9 @@ from types import SimpleNamespace
 
 import av
 import pytest
+from checks import refusal
 
+from posefuse.core import ConfigError
 from posefuse.foundation import platform
 
 
@@ -23,6 +25,18 @@ def test_cores_come_from_the_newest_question_the_system_answers(monkeypatch: pyt
     assert platform.usable_cores() == 64
     monkeypatch.setattr(os, "cpu_count", lambda: None)
     assert platform.usable_cores() == 1
+
+
+def test_a_user_without_a_home_folder_is_one_line_that_names_the_variables(monkeypatch: pytest.MonkeyPatch) -> None:
+    """As one of a container that no account belongs to: each command ended with a trace."""
+
+    def unknown(path: str) -> str:
+        raise RuntimeError("could not determine the home directory for '~/.cache', set an absolute HOME or XDG variable")
+
+    monkeypatch.delenv("POSEFUSE_CACHE", raising=False)
+    monkeypatch.setattr("platformdirs.user_cache_dir", lambda *_, **__: unknown("~/.cache"))
+    refusal(ConfigError, "no home folder; set HOME or POSEFUSE_CACHE", platform.default_cache_dir)
+    refusal(ConfigError, "set HOME or XDG_STATE_HOME", platform.home_folder, lambda *_, **__: unknown("~"), "XDG_STATE_HOME")
 
 
 def test_a_priority_that_may_not_be_changed_stops_nothing(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -46,6 +46,21 @@ def answer(worker: Worker) -> object:
     return None
 
 
+def test_a_time_in_which_the_parent_was_stopped_is_no_silence_of_the_process(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A container that was paused for 12 s: camera processes were called hung and killed, and their videos ended."""
+    worker = Worker(deaf)
+    worker.start()
+    now_s = [worker.started_s]
+    monkeypatch.setattr("posefuse.foundation.worker.time.monotonic", lambda: now_s[0])
+    silent_s = []
+    for step_s in (0.0, *[0.25] * 40, 12.0, *[0.25] * 8):
+        now_s[0] += step_s
+        silent_s.append(worker.silent_s())
+    monkeypatch.undo()
+    worker.end(0.0)
+    assert (silent_s[40], silent_s[41], silent_s[-1]) == pytest.approx((10.0, 0.0, 2.0))
+
+
 def test_arguments_and_messages_of_any_size_come_through_and_the_environment_is_its_own() -> None:
     worker = Worker(echo, {"POSEFUSE_TEST": "set"})
     assert not worker.send(1) and worker.receive() is None and worker.due()

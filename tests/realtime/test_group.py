@@ -8,7 +8,7 @@ import threading
 import time
 from collections.abc import Iterator
 from contextlib import closing, contextmanager
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from types import SimpleNamespace
 from unittest.mock import Mock
 
@@ -37,7 +37,8 @@ from posefuse.realtime.messages import Expected, LivePlan, SeenView, SessionCloc
 from posefuse.realtime.networks import on_device
 from posefuse.realtime.session import blocks, group_plans
 
-PERIOD_NS = 1_000_000_000 // 30
+S = 1_000_000_000
+PERIOD_NS = S // 30
 SKELETON = PAPER14
 NAMES = ("cam00", "cam01", "cam02")
 
@@ -206,10 +207,44 @@ def test_a_source_that_raises_anything_is_named_and_opened_again(monkeypatch: py
         assert (capture.state().state, capture.state().text) == ("lost", "KeyError: 'exposure'")
 
 
+@dataclass(frozen=True)
+class CountsOn:
+    """As cameras: its times are the machine's clock as it was when it was opened, carried on. It drops out after each frame."""
+
+    opened_ns: int = 0
+    size_wh = (64, 48)
+
+    def build(self) -> CountsOn:
+        return CountsOn(time.time_ns() - time.monotonic_ns())
+
+    def frames(self) -> Iterator[Frame]:
+        yield built.frame("cam00", time.monotonic_ns() + self.opened_ns, np.zeros((48, 64, 3), np.uint8))
+
+    def close(self) -> None: ...
+
+
+@pytest.mark.parametrize("step_s", [-3600, 3600])
+def test_a_camera_that_is_opened_again_after_the_clock_was_set_is_on_the_sessions_clock(monkeypatch, step_s: int) -> None:
+    """A network camera that dropped out once after NTP had set the clock: its video had no further frame, or a gap of an hour."""
+    monkeypatch.setattr(capture_module, "_RETRY_S", 0.01)
+    now_ns, news, taken = time.time_ns, threading.Condition(), list[Caught]()
+    begun_ns, offset_ns = time.monotonic_ns(), SessionClock.begin().offset_ns
+
+    with closing(Capture(LiveInput("cam00", "test", CountsOn(), reopen=True), None, news)) as capture:
+        capture.open()
+        monkeypatch.setattr(time, "time_ns", lambda: now_ns() + step_s * S)
+        capture.begin(begun_ns, begun_ns + offset_ns)
+
+        def three() -> bool:
+            with news:
+                taken.extend(filter(None, [capture.take()]))
+            return len(taken) > 2
+
+        until(three)
+    assert all(0 <= one.t_ns - offset_ns - begun_ns < 600 * S for one in taken)
+
+
 # --- frames that come while no person is followed: not converted, and few of them sent
-
-
-S = 1_000_000_000
 
 
 class CountedPixels(Pixels):

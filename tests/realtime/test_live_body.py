@@ -1,5 +1,9 @@
 """The whole-body fit of live poses: constant lengths, no memory of a wrong pose, the same whatever came first."""
 
+import os
+import signal
+import sys
+import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from functools import cache
@@ -15,9 +19,10 @@ from posefuse.core.skeleton import ANATOMICAL23
 from posefuse.foundation.settings import settings_from_mapping
 from posefuse.kinematics.body import LIVE_BODY, LiveBodyRules
 from posefuse.realtime.config import LiveConfig
-from posefuse.realtime.estimator import warmed_up
+from posefuse.realtime.estimator import Estimator, warmed_up
 from posefuse.realtime.messages import SessionClock
 from posefuse.realtime.outputs import notes_of
+from posefuse.realtime.session import stop_requests
 from posefuse.tracking.online import MOTION
 from posefuse_ros.mcap_output import RecordConfig
 from posefuse_sim.build import live_scene
@@ -147,6 +152,21 @@ def test_a_covariance_is_the_tracked_one_or_larger_in_all_directions() -> None:
 def test_kernels_are_not_compiled_to_the_end_for_a_session_that_was_stopped() -> None:
     with pytest.raises(KeyboardInterrupt):
         warmed_up(walk().rig, ANATOMICAL23, OFF, ["SIGTERM"])
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="signals")
+def test_one_request_to_end_interrupts_the_compiling_of_kernels(monkeypatch: pytest.MonkeyPatch) -> None:
+    """It took a second one, and a session whose program was killed lived on for as long as that takes."""
+
+    def compiles(self: object, view: object) -> None:
+        os.kill(os.getpid(), signal.SIGINT)
+        time.sleep(0.1)
+        pytest.fail("it was not interrupted")
+
+    monkeypatch.setattr(Estimator, "add", compiles)
+    with pytest.raises(KeyboardInterrupt), stop_requests() as stopped:
+        warmed_up(walk().rig, ANATOMICAL23, OFF, stopped)
+    assert stopped == ["SIGINT"]
 
 
 def test_a_tracker_of_other_motion_follows_otherwise() -> None:

@@ -206,6 +206,21 @@ def test_all_frames_after_the_session_began_are_kept(tmp_path: Path) -> None:
     np.testing.assert_allclose(times_of(tmp_path, "cam"), np.arange(20) * 10_000_000, atol=1000)
 
 
+def test_frames_of_a_clock_that_is_set_back_are_counted(tmp_path: Path) -> None:
+    """To before the session began, too."""
+    keeper = offered(offered(VideoKeeper(tmp_path, "cam"), range(20)), range(-15, 5))
+    counts = finished(keeper, tmp_path)
+    assert (counts.written, counts.lost) == (20, {"their times are not later than those before": 20})
+
+
+def test_frames_of_a_video_whose_process_was_killed_are_counted(tmp_path: Path) -> None:
+    """They are in the file; "0 frames written" stood in the summary."""
+    assert finished(offered(VideoKeeper(tmp_path, "cam"), range(20)), tmp_path).written == 20
+    (tmp_path / "cam.json").unlink()
+    [counts] = read_counts(tmp_path, ["cam"]).values()
+    assert (counts.written, counts.last_s) == (20, 0.19) and "was not finished" in counts.fault
+
+
 def test_a_slow_disk_is_not_waited_for(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     free, write = threading.Event(), video_keeping.KeptVideo.write
 

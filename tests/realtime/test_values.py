@@ -450,6 +450,20 @@ def test_a_camera_that_sets_its_clock_is_right_again_at_once(jump_s: int) -> Non
     assert np.abs(errors).max() < 20_000_000
 
 
+@pytest.mark.parametrize("stalled_s", [5, 13])
+def test_images_that_waited_in_the_network_keep_their_times(stalled_s: int) -> None:
+    """They come all at once after it; after more than 10 s they were taken for images of just now."""
+    clock, errors, resumes_ns = StampClock(0), [], (1020 + stalled_s) * S
+    for i in range(1200):
+        true_ns = 1000 * S + i * PERIOD_NS
+        # those of the first 8 s of the stall wait; of what comes later there was no room
+        if 1028 * S < true_ns < resumes_ns:
+            continue
+        came_ns = resumes_ns + i * 1_000_000 if 1020 * S < true_ns < 1028 * S else true_ns
+        errors.append(clock.placed(i * PERIOD_NS, max(came_ns, true_ns) + 10_000_000) - true_ns)
+    assert np.abs(errors).max() < 20_000_000
+
+
 @pytest.mark.parametrize("jump_s", [-7200, 7200])
 def test_the_clock_of_a_session_continues_when_that_of_the_machine_is_set(monkeypatch: pytest.MonkeyPatch, jump_s: int) -> None:
     clock, real = SessionClock.begin(), time.time_ns

@@ -9,15 +9,17 @@ import time
 from collections.abc import Iterator
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
-from unittest.mock import Mock
+from unittest.mock import MagicMock, Mock
 
+import av
 import cv2
 import numpy as np
 import pytest
 from checks import refusal
+from running import PATIENCE_S
 
 from posefuse.core import SourceError
-from posefuse.sources.live import PacedVideoConfig, StreamConfig
+from posefuse.sources.live import PacedVideoConfig, StreamConfig, stream
 
 PERIOD_S = 0.04
 
@@ -64,6 +66,30 @@ def test_a_network_camera_delivers_until_it_ends(network_camera: str) -> None:
     assert (np.diff([frame.t_ns for frame in frames]) > 0).all()
     assert all(frame.t_ns <= frame.received_ns for frame in frames[1:])
     assert (np.diff([frame.image.mean() for frame in frames]) > 3).all()
+
+
+def test_a_camera_is_not_disconnected_while_a_thread_reads_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    """FFmpeg freed under a thread that reads is a segmentation fault: `record` ended with it, and left its videos unfinished."""
+    container, waits, comes, image = MagicMock(), threading.Event(), threading.Event(), av.VideoFrame(64, 48, "rgb24")
+
+    def decoded(*_: object) -> Iterator[tuple[av.VideoFrame, None]]:
+        yield image, None
+        waits.set()
+        assert comes.wait(PATIENCE_S)
+        yield image, None
+
+    monkeypatch.setattr(stream, "_connected", lambda config: container)
+    monkeypatch.setattr(stream, "decoded_with_packets", decoded)
+    source = StreamConfig(where="http://camera", camera="cam").build()
+    reads = threading.Thread(target=lambda: list(source.frames()))
+    reads.start()
+    assert waits.wait(PATIENCE_S)
+    source.close()
+    assert not container.close.called
+    comes.set()
+    reads.join(PATIENCE_S)
+    assert not reads.is_alive() and container.close.call_count == 1
+    source.close()
 
 
 @pytest.mark.parametrize("protocol", ["rtsp", "http"])

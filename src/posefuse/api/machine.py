@@ -136,12 +136,14 @@ def _cache() -> MachineCheck:
     folder = default_cache_dir()
     nearest = next(parent for parent in (folder, *folder.parents) if parent.exists())
     writable = os.access(nearest, os.W_OK)
+    # networks that others have put there can be read; kernels cannot be kept
+    needed = any(status(card, folder) != "ready" for card in default_cards())
     free_gb = shutil.disk_usage(nearest).free / 1e9
     return MachineCheck(
         "model cache",
         writable,
-        True,
-        f"{folder} ({free_gb:.0f} GB free)",
+        needed,
+        f"{folder} ({free_gb:.0f} GB free)" if writable else f"{folder} cannot be written: every run compiles kernels, a minute",
         "make it writable, or set POSEFUSE_CACHE to a folder that is",
     )
 

@@ -40,7 +40,7 @@ class Source(Protocol):
         ...
 
     def close(self) -> None:
-        """Release files, devices and threads; safe to call twice."""
+        """Release files, devices and threads; safe to call twice, and while another thread waits for a frame."""
         ...
 
 

@@ -8,10 +8,12 @@ import os
 import socket
 import sys
 import threading
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 
 import platformdirs
+
+from posefuse.core.errors import ConfigError
 
 # how FFmpeg reads USB cameras of each system; any other system is taken for one with Video4Linux
 _CAMERA_FORMATS = {"win32": "dshow", "darwin": "avfoundation"}
@@ -151,7 +153,22 @@ def default_cache_dir() -> Path:
     """The user's cache folder: POSEFUSE_CACHE, else the system's place for caches (Linux: XDG_CACHE_HOME or ~/.cache)."""
     if own := os.environ.get("POSEFUSE_CACHE"):
         return Path(own)
-    return Path(platformdirs.user_cache_dir("posefuse", appauthor=False))
+    return home_folder(platformdirs.user_cache_dir, "POSEFUSE_CACHE")
+
+
+def home_folder(of_system: Callable[..., str], instead: str) -> Path:
+    """Our folder at a place that `platformdirs` knows, e.g. `user_cache_dir`.
+
+    Args:
+        instead: the variable that names another place.
+
+    Raises:
+        ConfigError: the user has no home folder, as one of a container that no account belongs to.
+    """
+    try:
+        return Path(of_system("posefuse", appauthor=False))
+    except RuntimeError:
+        raise ConfigError(f"this user has no home folder; set HOME or {instead} to a folder that can be written") from None
 
 
 def display() -> str:

@@ -92,6 +92,23 @@ def handling(numbers: Iterable[int], handler: Any) -> Iterator[Mapping[int, Any]
 
 
 @contextmanager
+def interrupting_at_once() -> Iterator[None]:
+    """Within, a request interrupts, after the handler that was there has noted it; elsewhere that may take a second one."""
+
+    def interrupt(number: int, frame: FrameType | None) -> None:
+        if put_off(number, frame):
+            return
+        noting = before[number]
+        assert callable(noting)
+        noting(number, frame)
+        raise KeyboardInterrupt
+
+    noted = [number for number in heeded((signal.SIGINT, *REQUESTS_TO_END)) if callable(signal.getsignal(number))]
+    with handling(noted, interrupt) as before:
+        yield
+
+
+@contextmanager
 def children_ignore_requests() -> Iterator[None]:
     """Processes started within ignore Ctrl-C and hang-ups from their start on; `leave_requests_to_parent` keeps it so.
 

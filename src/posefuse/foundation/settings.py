@@ -151,4 +151,4 @@ def setting_of(cls: type[Any], key: str) -> Setting:
         cls = _resolved(cls, one)
     [field] = [field for field in dataclasses.fields(cls) if field.name == name]
     annotated = get_type_hints(cls, include_extras=True)[name]
-    return Setting(_resolved(cls, name), annotated, field.default, described(cls)[1][name])
+    return Setting(_resolved(cls, name), annotated, field.default, described(cls)[1].get(name, ""))

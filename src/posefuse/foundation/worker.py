@@ -22,6 +22,8 @@ _FIRST_RETRY_S, _LONGEST_RETRY_S = 0.2, 10.0
 _WELL_S = 30.0
 _DEATH_S, _KILLED_S = 0.2, 1.0
 _LOOK_S = 30.0
+# a parent that has not asked for so long was stopped itself
+_STOPPED_S = 1.0
 
 
 class Worker:
@@ -38,7 +40,7 @@ class Worker:
         channel: of the process while one runs. pid: of the newest process; 0 before the first.
         running: whether a process was started and is not known to have ended. trouble: how the last one ended; may be cleared.
         starts, deaths: how often it was started, and ended without being asked to.
-        started_s, received_s: monotonic times of the newest start, and of the newest message or start.
+        started_s: monotonic time of the newest start.
     """
 
     def __init__(
@@ -54,7 +56,7 @@ class Worker:
         self.channel: Channel
         self.running, self.trouble = False, ""
         self.pid = self.starts = self.deaths = 0
-        self.started_s = self.received_s = 0.0
+        self.started_s = self._received_s = self._asked_s = 0.0
 
     def start(self, *arguments: Any) -> None:
         """Begin; `send` and `receive` may be used at once."""
@@ -62,7 +64,7 @@ class Worker:
         self.pid = self._process.pid
         self.running = True
         self.starts += 1
-        self.started_s = self.received_s = time.monotonic()
+        self.started_s = self._received_s = self._asked_s = time.monotonic()
         # what is sent may only be found there
         self.send(sys.path)
         self.send((self._target, arguments))
@@ -83,8 +85,19 @@ class Worker:
             self._died()
             return None
         if message is not None:
-            self.received_s = time.monotonic()
+            self._received_s = time.monotonic()
         return message
+
+    def silent_s(self) -> float:
+        """For how long no message has come; to be asked several times a second.
+
+        A time in which this process was stopped itself (a container that is paused, Ctrl-Z) does not count: then all were.
+        """
+        now_s = time.monotonic()
+        if now_s - self._asked_s > _STOPPED_S:
+            self._received_s = now_s
+        self._asked_s = now_s
+        return now_s - self._received_s
 
     def wait(self, timeout_s: float) -> bool:
         """Wait until something can be received; False at once where no process runs."""

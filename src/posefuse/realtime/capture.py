@@ -86,7 +86,9 @@ class Capture:
         self.entry, self._camera = entry, camera
         self._keeper: VideoKeeper | None = None
         self._finishing: list[VideoKeeper] = []
-        self._session_zero_ns = 0
+        self._session_zero_ns = self._session_ns = 0
+        # the machine's clock minus its monotonic one, when the source was opened: sources count by it
+        self._opened_ns = 0
         self._news = news
         self._newest: Caught | None = None
         self._source: Source | None = None
@@ -97,7 +99,7 @@ class Capture:
 
     def open(self) -> None:
         """Open the source now, so that what is wrong shows at the start; raises SourceError."""
-        self._source = self.entry.open(self._camera)
+        self._source = self._opened()
 
     def replace_keeper(self, keeper: VideoKeeper | None) -> None:
         """Give every frame to this video, too, from now on, or to none; a former one is finished meanwhile."""
@@ -110,7 +112,7 @@ class Capture:
 
     def begin(self, zero_ns: int, session_zero_ns: int = 0) -> None:
         """Let frames come; `session_zero_ns`: `zero_ns` on the session's clock: for videos, and sources on it."""
-        self._session_zero_ns = session_zero_ns
+        self._session_zero_ns, self._session_ns = session_zero_ns, session_zero_ns - zero_ns
         if self._keeper is not None:
             self._keeper.zero_ns = session_zero_ns
         self._thread = threading.Thread(target=self._run, args=(zero_ns,), name=f"capture {self.entry.camera}", daemon=True)
@@ -167,6 +169,10 @@ class Capture:
                 return
             self._stop.wait(_RETRY_S)
 
+    def _opened(self, zero_ns: int | None = None) -> Source:
+        self._opened_ns = time.time_ns() - time.monotonic_ns()
+        return self.entry.open(self._camera, zero_ns)
+
     @property
     def _period_ns(self) -> int:
         """From one showing to the next; 0 for a source that is played once."""
@@ -179,10 +185,12 @@ class Capture:
     def _deliver(self, zero_ns: int, later_ns: int) -> None:
         """Frames of one showing of the source, which begins `later_ns` after zero."""
         if self._source is None or self.entry.from_zero:
-            self._source = self.entry.open(self._camera, zero_ns + later_ns)
+            self._source = self._opened(zero_ns + later_ns)
         still, before = 0, None
-        # others may have counted before they were opened, and are on the session's clock
-        seq, shift_ns = (-1, self._session_zero_ns + later_ns) if self.entry.from_zero else (None, 0)
+        # others may have counted before they were opened, and the machine's clock may have been set since the session began
+        seq, shift_ns = (
+            (-1, self._session_zero_ns + later_ns) if self.entry.from_zero else (None, self._session_ns - self._opened_ns)
+        )
         try:
             for frame in self._source.frames():
                 if self._stop.is_set() or (self._period_ns and frame.t_ns >= self._period_ns - round(LOOP_PAUSE_S * 1e9)):

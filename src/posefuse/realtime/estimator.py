@@ -17,6 +17,7 @@ from posefuse.association import CLOTHING_TRAITS, UNNAMED, Identity, associate, 
 from posefuse.core import Detections2D, JointCentres, Kind, LiveJointCentres, Pose3D, Rig, Skeleton
 from posefuse.core.arrays import Array
 from posefuse.core.poses import worst_sigma_m
+from posefuse.foundation.requests_to_end import interrupting_at_once
 from posefuse.fusion import fuse, whitened_view
 from posefuse.kinematics import JointTracker
 from posefuse.kinematics.body import FEWEST_SEEN, LIVE_BODY, Length, LiveBody, LiveBodyRules, LiveRays, TrackedPoints
@@ -341,19 +342,20 @@ def warmed_up(
     """A new estimator whose kernels are compiled: one made for the purpose has followed a made-up person.
 
     Raises:
-        KeyboardInterrupt: `stopped` has an entry; on a new machine kernels take more than a minute.
+        KeyboardInterrupt: `stopped` has an entry, or gets one; on a new machine kernels take more than a minute.
     """
     at_once = replace(LIVE_BODY, learn_s=LIVE_BODY.sample_every_s * FEWEST_SEEN)
     made_up = _new(rig, skeleton, replace(config, body="off" if config.body == "off" else "on"), MOTION, at_once)
-    for detections in made_up_detections(rig, skeleton, _WARM_UP_STEPS, start_ns=10**15):
-        for view in detections:
-            if stopped:
-                raise KeyboardInterrupt
-            made_up.add(view)
-            pose = made_up.at(view.t_ns + 20_000_000)
-    no_offsets = JointCentres(made_by="", offsets={})
-    at_joint_centres(pose, no_offsets, no_offsets.usual)
-    JointTracker(skeleton).step(pose)
+    with interrupting_at_once():
+        if stopped:
+            raise KeyboardInterrupt
+        for detections in made_up_detections(rig, skeleton, _WARM_UP_STEPS, start_ns=10**15):
+            for view in detections:
+                made_up.add(view)
+                pose = made_up.at(view.t_ns + 20_000_000)
+        no_offsets = JointCentres(made_by="", offsets={})
+        at_joint_centres(pose, no_offsets, no_offsets.usual)
+        JointTracker(skeleton).step(pose)
     return _new(rig, skeleton, config, motion, rules)
 
 

@@ -197,7 +197,7 @@ class OutputProcess:
         while (message := self._worker.receive()) is not None:
             self._take(message)
         worker = self._worker
-        silent_s = time.monotonic() - worker.received_s
+        silent_s = worker.silent_s()
         if self._ready and worker.running:
             if silent_s > _HUNG_S:
                 worker.fail(f"process {worker.pid} hung and was ended")

@@ -135,7 +135,6 @@ class Groups:
         """Let frames come; recorded sources show their time 0 at monotonic time `zero_ns`."""
         self._go = Go(zero_ns)
         for member in self._members:
-            member.worker.received_s = time.monotonic()
             member.worker.send(self._go, 1.0)
 
     def channels(self) -> list[Channel]:
@@ -246,7 +245,7 @@ def _busy_s(member: _Member) -> float | None:
 
 
 def _silence(member: _Member) -> CameraHealth | None:
-    silent_s = time.monotonic() - member.worker.received_s
+    silent_s = member.worker.silent_s()
     if silent_s <= SILENT_S:
         return None
     busy_s = _busy_s(member)
@@ -256,7 +255,7 @@ def _silence(member: _Member) -> CameraHealth | None:
 
 
 def _hangs(member: _Member) -> bool:
-    silent_s = time.monotonic() - member.worker.received_s
+    silent_s = member.worker.silent_s()
     if silent_s <= (_HUNG_S if member.ready else START_S):
         return False
     busy_s = _busy_s(member)

@@ -118,9 +118,7 @@ class VideoKeeper:
         self._missing += frames
 
     def offer(self, image: Pixels | EncodedFrame, t_ns: int) -> None:
-        """A frame of time `t_ns` since the session's zero; dropped and counted where there is no room."""
-        if t_ns < 0:
-            return
+        """A frame of time `t_ns` since the session's zero; dropped and counted where there is no room, or when it is not new."""
         if self._take_room(-_bytes_of(image)):
             self._queue.put((image, t_ns))
         else:
@@ -193,16 +191,20 @@ def _counts_of(about: Path) -> KeptCounts:
     try:
         return settings_from_mapping(parse_json(str(about), read_text(about)), KeptCounts, where=str(about))
     except PosefuseError:
-        return KeptCounts(fault="was not finished: its process ended, or the disk was full")
+        return _found_counts(about.with_suffix(".mp4"), "was not finished: its process ended, or the disk was full")
 
 
 def write_found_counts(video: Path) -> None:
     """Count what a video holds whose keeper was killed, and note it as the keeper would have; raises InputError."""
     about = video.with_suffix(".json")
-    if about.is_file():
-        return
-    counts = KeptCounts(fault="its program ended early")
+    if not about.is_file():
+        write_text(about, json.dumps(asdict(_found_counts(video, "its program ended early"))) + "\n")
+
+
+def _found_counts(video: Path, fault: str) -> KeptCounts:
+    """Of what the file holds; none where there is no file, or one that cannot be read."""
+    counts = KeptCounts(fault=fault)
     with contextlib.suppress(SourceError):
         for t_ns in VideoConfig(video, video.stem).build().times_ns().tolist():
             counts = counts.with_frame(t_ns / 1e9)
-    write_text(about, json.dumps(asdict(counts)) + "\n")
+    return counts

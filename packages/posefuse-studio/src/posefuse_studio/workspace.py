@@ -20,6 +20,7 @@ from pydantic import ConfigDict, TypeAdapter, ValidationError
 
 from posefuse.core import InputError
 from posefuse.foundation.output_file import atomic_file
+from posefuse.foundation.platform import home_folder
 
 MOST_UPLOAD_BYTES = 4 * 2**30
 STATE_FOLDER = ".posefuse-studio"
@@ -151,7 +152,7 @@ adapter: Callable[[Any], TypeAdapter[Any]] = cache(TypeAdapter)
 
 def private_folder() -> Path:
     """The user's folder for this, mode 0700; made where it is missing."""
-    folder = Path(platformdirs.user_state_dir("posefuse", appauthor=False)) / "studio"
+    folder = home_folder(platformdirs.user_state_dir, "XDG_STATE_HOME") / "studio"
     try:
         folder.mkdir(mode=0o700, parents=True, exist_ok=True)
     except OSError as error:

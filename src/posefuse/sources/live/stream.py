@@ -8,6 +8,7 @@ newest seconds, so that a clock that drifts is followed.
 from __future__ import annotations
 
 import errno
+import threading
 import time
 from collections import deque
 from collections.abc import Iterator
@@ -27,6 +28,8 @@ _FOLLOW_NS = 10_000_000_000
 # videos have times in microseconds
 _LEAST_STEP_NS = 1_000
 _OPEN_S, _READ_S = 8.0, 5.0
+# a camera that is closed is waited for so long: most have sent their next image by then
+_LEAVE_S = 0.25
 _ADVICE = {
     errno.EBUSY: "another program uses it",
     errno.ENOTTY: "it is no camera",
@@ -68,6 +71,7 @@ class StreamSource:
         self._config = config
         self.camera = config.camera
         self._container: Any = _connected(config)
+        self._reading, self._closed = threading.Lock(), False
         self._decoded = decoded_with_packets(self._container, self._container.streams.video[0], config.keep_encoded)
         self._converter = PixelConverter()
         self._times = StampClock(round(config.delay_s * 1e9))
@@ -82,14 +86,30 @@ class StreamSource:
         if self._first is not None:
             first, self._first = self._first, None
             yield first
-        while self._container is not None:
-            frame = self._next()
+        while True:
+            with self._reading:
+                if self._container is None:
+                    return
+                try:
+                    frame = self._next()
+                finally:
+                    if self._closed:
+                        self._disconnect()
             if (size_wh := frame.size_wh) != self.size_wh:
                 raise SourceError(f"{self._where}: frames were {self.size_wh}, now {size_wh} px")
             yield frame
 
     def close(self) -> None:
-        """Disconnect; safe to call twice."""
+        """Disconnect; safe to call twice.
+
+        A thread that waits for an image disconnects when that has come: what is freed while FFmpeg reads it ends the program.
+        """
+        self._closed = True
+        if self._reading.acquire(timeout=_LEAVE_S):
+            self._disconnect()
+            self._reading.release()
+
+    def _disconnect(self) -> None:
         container, self._container = self._container, None
         if container is not None:
             container.close()
@@ -137,19 +157,20 @@ class StampClock:
                 # the camera has set its clock back: offsets from before mean nothing
                 self._offsets.clear()
             self._stamp_ns = stamp_ns
-        t_ns = arrived_ns if stamp_ns is None else stamp_ns + self._offset(arrived_ns - stamp_ns, arrived_ns)
+        t_ns = arrived_ns if stamp_ns is None else stamp_ns + self._offset(arrived_ns - stamp_ns, stamp_ns)
         t_ns -= self._delay_ns
         if self._newest_ns is not None:
             t_ns = max(t_ns, self._newest_ns + _LEAST_STEP_NS)
         self._newest_ns = t_ns
         return t_ns
 
-    def _offset(self, offset_ns: int, now_ns: int) -> int:
-        # a queue of increasing offsets: its head is the least within the window
+    def _offset(self, offset_ns: int, stamp_ns: int) -> int:
+        # a queue of increasing offsets: its head is the least within the window, which counts by stamps: images that waited in
+        # the network come all at once
         while self._offsets and self._offsets[-1][1] >= offset_ns:
             self._offsets.pop()
-        self._offsets.append((now_ns, offset_ns))
-        while self._offsets[0][0] < now_ns - _FOLLOW_NS:
+        self._offsets.append((stamp_ns, offset_ns))
+        while self._offsets[0][0] < stamp_ns - _FOLLOW_NS:
             self._offsets.popleft()
         return self._offsets[0][1]
 
