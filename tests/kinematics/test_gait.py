@@ -88,6 +88,21 @@ def test_no_step_is_measured_across_a_time_out_of_sight(gap):
     assert gait.stride_length_m.mean == pytest.approx(SPEED_M_S * STRIDE_S, rel=0.01)
 
 
+@pytest.mark.parametrize("rest_s", [1.0, 5.0])
+def test_walks_with_a_rest_between_them_are_measured_as_one_without(rest_s):
+    walk, rest = stepping(), round(rest_s / 0.01)
+    whole = gait_from_poses(walk)
+    there = walk.xyz_world
+    onward = there + [*(SPEED_M_S * 6 * np.array([np.cos(0.7), np.sin(0.7)])), 0]
+    xyz = np.concatenate([there, np.linspace(there[-1], onward[0], rest), onward])
+    gait = gait_from_poses(poses(xyz, 1e-3, skeleton=SKELETON))
+    assert gait.cadence_per_min == pytest.approx(whole.cadence_per_min, rel=0.02)
+    assert gait.speed_m_s == pytest.approx(SPEED_M_S, rel=0.03)
+    assert gait.stride_time_s.mean == pytest.approx(STRIDE_S, abs=0.02) and gait.stride_time_s.sd < 0.03
+    for side in ("left", "right"):
+        assert gait.stance_share[side].mean == pytest.approx(whole.stance_share[side].mean, abs=0.02)
+
+
 def test_the_simulated_walk_round_a_circle_is_measured_as_set():
     from posefuse.formats.truth import read_truth
 

@@ -8,7 +8,7 @@ that, the heel has nearly come to rest. Where a skeleton has no feet, the ankle 
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import pairwise
 
@@ -76,7 +76,10 @@ class Gait:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class _Walk:
-    """A time without a gap (T,): direction (T, 3) of walking, velocity (T, 3) of the pelvis; by side heels (T, 3) and events."""
+    """A time without a gap (T,): direction (T, 3) of walking, velocity (T, 3) of the pelvis, heels (T, 3) by side.
+
+    And the events, by side, of one walk in it, in which the person never stands.
+    """
 
     t_s: Array
     ahead: Array
@@ -89,6 +92,13 @@ class _Walk:
     def events(self) -> list[tuple[int, str]]:
         """Strikes of both feet, in order: time step and side."""
         return sorted((int(i), side) for side in SIDES for i in self.strikes[side])
+
+    def between(self, begin: int, end: int) -> _Walk:
+        """With the events of these time steps alone, the last one excluded."""
+        strikes, offs = (
+            {side: at[(at >= begin) & (at < end)] for side, at in events.items()} for events in (self.strikes, self.offs)
+        )
+        return replace(self, strikes=strikes, offs=offs)
 
     def steps(self) -> Iterator[tuple[str, float, float]]:
         """Side of the leading foot, length and width of each step."""
@@ -109,7 +119,7 @@ class _Walk:
 def gait_from_poses(sequence: PoseSequence, person: int = 0) -> Gait | None:
     """Events and measures of the person at this place of axis N; None if they do not walk (two strikes of each foot).
 
-    No step is measured across a time in which the person, or a foot, is out of sight for more than half a second.
+    No step is measured across a rest, or a time in which the person, or a foot, is out of sight for more than half a second.
     """
     t_s = sequence.t_ns * 1e-9
     points = landmarks(sequence.xyz_world[:, person], sequence.skeleton)
@@ -117,12 +127,12 @@ def gait_from_poses(sequence: PoseSequence, person: int = 0) -> Gait | None:
     feet = [known[f"{side}_heel"] | known[f"{side}_ankle"] for side in SIDES]
     there = np.flatnonzero(np.all([known["left_hip"], known["right_hip"], *feet], axis=0))
     pieces = np.split(there, np.flatnonzero(np.diff(t_s[there]) > _LONGEST_BRIDGE_S) + 1)
-    walks = []
+    walks: list[_Walk] = []
     for piece in pieces:
         part = slice(piece[0], piece[-1] + 1) if len(piece) else slice(0)
-        if (walk := _walk(t_s[part], {name: xyz[part] for name, xyz in points.items()})) is not None:
-            walks.append(walk)
-    return _gait(walks) if walks else None
+        walks += _walks(t_s[part], {name: xyz[part] for name, xyz in points.items()})
+    enough = all(sum(len(walk.strikes[side]) for walk in walks) >= 2 for side in SIDES)
+    return _gait(walks) if enough else None
 
 
 def _gait(walks: Sequence[_Walk]) -> Gait:
@@ -145,26 +155,32 @@ def _gait(walks: Sequence[_Walk]) -> Gait:
     )
 
 
-def _walk(t_s: Array, seen: dict[str, Array]) -> _Walk | None:
+def _walks(t_s: Array, seen: dict[str, Array]) -> list[_Walk]:
     if len(t_s) < 8 or np.ptp(t_s) < 1.0:
-        return None
+        return []
     points = {name: _bridged(xyz) for name, xyz in seen.items()}
     hips = (points["left_hip"] + points["right_hip"]) / 2
     rate_hz = (len(t_s) - 1) / float(np.ptp(t_s))
     velocity, ahead = _walking(hips, t_s, rate_hz)
     moving = np.linalg.norm(velocity[:, :2], axis=-1) > _SLOWEST_M_S
     if not moving.any():
-        return None
+        return []
     strikes, offs, heels = (dict[str, Array]() for _ in range(3))
     for side in SIDES:
         heels[side], toe = _foot(points, side)
         tops = _peaks(((heels[side] - hips) * ahead).sum(-1), moving, rate_hz)
         strikes[side] = _landed(tops, heels[side], ahead, velocity, t_s, rate_hz)
         offs[side] = _peaks(-((toe - hips) * ahead).sum(-1), moving, rate_hz)
-    if min(len(strikes[side]) for side in SIDES) < 2:
-        return None
     pace, _ = _walking(hips, t_s, rate_hz, _PACE_S)
-    return _Walk(t_s=t_s, ahead=ahead, pace=pace, heels=heels, strikes=strikes, offs=offs)
+    whole = _Walk(t_s=t_s, ahead=ahead, pace=pace, heels=heels, strikes=strikes, offs=offs)
+    walks = [whole.between(*ends) for ends in pairwise([0, *_begins(moving), len(t_s)])]
+    return [walk for walk in walks if any(walk.strides())]
+
+
+def _begins(moving: Array) -> Array:
+    """Time steps at which a person walks again who had stood."""
+    at = np.flatnonzero(moving)
+    return np.asarray(at[1:][np.diff(at) > 1])
 
 
 def _walking(hips: Array, t_s: Array, rate_hz: float, over_s: float = _HEADING_S) -> tuple[Array, Array]:
