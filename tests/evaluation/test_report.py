@@ -137,9 +137,12 @@ def test_angles_over_time_are_those_of_the_recording_with_gaps_and_bands(read_pa
         assert np.isnan(line["y"][60:90]).all() == (side == "left")
 
 
-def test_foot_strikes_and_foot_offs_are_events_of_the_c3d(tmp_path, ring_rig):
-    recording = recording_of(ring_rig, *walker())
-    write_biomechanics(recording, tmp_path, BiomechanicsSettings(fit="none"))
+@pytest.mark.parametrize("fit", ["none", "points"])
+def test_foot_strikes_and_foot_offs_are_the_same_in_all_files(tmp_path, ring_rig, fit):
+    """Those of `Recording.gait`, of the page and of a study, also where the fit moves points: noise of 2 cm moves events."""
+    xyz, t_ns = walker()
+    recording = recording_of(ring_rig, xyz + np.random.default_rng(2).normal(0, 0.02, xyz.shape), t_ns)
+    write_biomechanics(recording, tmp_path, BiomechanicsSettings(fit=fit))
     groups, gait = ezc3d.c3d(str(tmp_path / "points_angles.c3d"))["parameters"], gait_from_poses(recording.poses)
     event, seconds = groups["EVENT"], groups["EVENT"]["TIMES"]["value"][1]
     kinds = list(zip(event["CONTEXTS"]["value"], event["LABELS"]["value"], strict=True))
@@ -148,6 +151,8 @@ def test_foot_strikes_and_foot_offs_are_events_of_the_c3d(tmp_path, ring_rig):
             written = [t_s for t_s, kind in zip(seconds, kinds, strict=True) if kind == (side.title(), label)]
             np.testing.assert_allclose(written, times[side], atol=1e-5)
     assert np.all(np.diff(seconds) >= 0) and groups["SUBJECTS"]["NAMES"]["value"] == ["person 0"]
+    begins = {side: np.round(gait.strike_s[side], 4) for side in ("left", "right")}
+    assert all(float(row["begin_s"]) in begins[row["side"]] for row in read_rows(tmp_path / "gait_cycles.csv"))
 
 
 def test_every_file_has_the_time_of_the_session(read_page, tmp_path, ring_rig):

@@ -339,7 +339,7 @@ def cycle_plots(cycles: list[CycleAngles], gait: Gait) -> list[Plot]:
 
 
 def range_table(joints: JointAngles, person: int) -> Table:
-    """Least, most, range and mean of every angle over the whole recording."""
+    """Least, most, range and mean of every angle over the whole recording, and the median of its stated uncertainty."""
     rows = []
     for title, members in _grouped(joints).items():
         for q, a in members:
@@ -352,7 +352,7 @@ def range_table(joints: JointAngles, person: int) -> Table:
             figures = [f"{figure:.1f}" for figure in (known.min(), known.max(), np.ptp(known), known.mean(), sigma)]
             shown = "" if side == "mid" else Cell(side, side)
             rows.append([title, shown, *figures, f"{100 * len(known) / len(values):.0f} %"])
-    columns = ["angle, degrees", "side", "least", "greatest", "range", "mean", "standard deviation", "known in"]
+    columns = ["angle, degrees", "side", "least", "greatest", "range", "mean", "standard deviation of the measurement", "known in"]
     return Table(columns, rows)
 
 
