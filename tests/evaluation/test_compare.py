@@ -63,6 +63,21 @@ def test_drift_shows_when_aligned_by_the_first_seconds_only() -> None:
     assert compare(a, drifting, time=False, start_s=0.5).drift_mm_per_m > 10
 
 
+@pytest.mark.parametrize("gone", ["points come and go", "some points for a while", "all points for a while"])
+def test_points_that_are_not_seen_change_neither_the_way_nor_the_drift(gone: str) -> None:
+    a, hidden = mover(50), np.zeros((400, len(NAMES)), bool)
+    if gone == "points come and go":
+        hidden = np.random.default_rng(3).random(hidden.shape) < 0.2
+    else:
+        hidden[150:200, : 2 if gone.startswith("some") else None] = True
+    whole = compare(a, a, time=False, space=False)
+    drifting = replace(a, name="b", xyz_m=a.xyz_m + 0.02 * whole.walked_m[:, None, None] * np.array([0.6, 0.8, 0]))
+    partly = replace(a, xyz_m=np.where(hidden[..., None], np.nan, a.xyz_m))
+    found = compare(partly, drifting, time=False, space=False)
+    assert found.walked_m[-1] == pytest.approx(whole.walked_m[-1], rel=0.02)
+    assert found.drift_mm_per_m == pytest.approx(20, rel=0.02)
+
+
 def test_a_drift_of_a_person_who_stays_is_not_shown_as_a_number() -> None:
     a = mover(50, duration_s=0.2)
     found = compare(a, replace(a, name="b"), time=False, space=False)

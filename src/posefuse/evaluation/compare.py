@@ -219,7 +219,8 @@ def compare(
     onto = factor * moved @ rotation.T + shift
     distance = np.linalg.norm(onto - a.xyz_m, axis=-1)
     alignment = Alignment(offset, rotation, shift, factor, float(np.sqrt(np.nanmean(distance[both] ** 2))))
-    walked_m, apart_m, slope = drift(*_middles(a.xyz_m, onto))
+    (middle, other), way = _middles(a.xyz_m, onto), _way(a)
+    walked_m, apart_m, slope = drift(way, way + other - middle)
     return Comparison(
         a=given[0],
         b=given[1],
@@ -233,6 +234,17 @@ def compare(
         apart_m=apart_m,
         drift_mm_per_m=slope,
     )
+
+
+def _way(tracks: Tracks) -> Array:
+    """(T, 3) way of the middle of points that come and go: it moves as they do, and not because one of them is missing."""
+    whole = np.full_like(tracks.xyz_m, np.nan)
+    for k, xyz in enumerate(tracks.xyz_m.swapaxes(0, 1)):
+        known = np.isfinite(xyz).all(axis=-1)
+        for axis in range(3 if known.any() else 0):
+            whole[:, k, axis] = np.interp(tracks.t_s, tracks.t_s[known], xyz[known, axis], np.nan, np.nan)
+    steps = np.nan_to_num(middle_of(np.diff(whole, axis=0)))
+    return np.asarray(np.concatenate([np.zeros((1, 3)), np.cumsum(steps, axis=0)]))
 
 
 def comparison_page(found: Comparison) -> Page:

@@ -352,8 +352,8 @@ def range_table(joints: JointAngles, person: int) -> Table:
             figures = [f"{figure:.1f}" for figure in (known.min(), known.max(), np.ptp(known), known.mean(), sigma)]
             shown = "" if side == "mid" else Cell(side, side)
             rows.append([title, shown, *figures, f"{100 * len(known) / len(values):.0f} %"])
-    columns = ["angle, degrees", "side", "least", "greatest", "range", "mean", "standard deviation of the measurement", "known in"]
-    return Table(columns, rows)
+    spread = "standard deviation of the measurement"
+    return Table(["angle, degrees", "side", "least", "greatest", "range", "mean", spread, "known in"], rows)
 
 
 def _cycle_series(one: CycleAngles) -> list[Series]:
