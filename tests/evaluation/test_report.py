@@ -1,6 +1,7 @@
 """The report page: whole in itself, truthful about gaps, harmless text, clear errors; its figures are those of the recording."""
 
 import csv
+import statistics
 from dataclasses import replace
 from itertools import pairwise
 
@@ -21,6 +22,7 @@ from posefuse.evaluation.report import (
     longest_gap,
     parameter_blocks,
     quality_rows,
+    spread_text,
     time_plots,
     write_report,
 )
@@ -293,6 +295,16 @@ def test_a_side_that_takes_longer_steps_is_stated(ring_rig, left_m, right_m, sta
     assert rows["Asymmetry of the step length"][2] == f"{stated}\N{NO-BREAK SPACE}%"
     unknown = replace(gait, step_length_m={**gait.step_length_m, "left": Spread.of([])})
     assert {row[0]: row for row in parameter_blocks(unknown, [])[0].rows}["Asymmetry of the step length"][2] == MISSING
+
+
+def test_deviations_of_few_steps_and_strides_are_those_of_a_sample(ring_rig):
+    lengths_m = [0.61, 0.64, 0.72]
+    assert Spread.of(lengths_m).sd == pytest.approx(statistics.stdev(lengths_m))
+    assert spread_text(Spread.of(lengths_m), "m").endswith("m (3)") and "±" not in spread_text(Spread.of(lengths_m[:1]), "m")
+    recording = recording_of(ring_rig, *walker())
+    for one in gait_cycles(joints_from_poses(recording.poses), 0, gait_from_poses(recording.poses)):
+        few = replace(one, angle_rad=np.array([[0.1], [0.2], [0.6]]) + np.zeros(101))
+        np.testing.assert_allclose(few.sd_rad, statistics.stdev([0.1, 0.2, 0.6]))
 
 
 def test_a_person_who_turns_has_no_range_of_pelvis_rotation(read_page, tmp_path, ring_rig):

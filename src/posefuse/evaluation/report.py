@@ -433,11 +433,12 @@ def parameter_blocks(gait: Gait | None, cycles: list[CycleAngles]) -> list[Block
 
 
 def spread_text(spread: Spread, unit: str, scale: float = 1.0, digits: int = 2) -> str:
-    """``0.71 ± 0.02 m (12)``, broken before the count alone; a dash for none."""
+    """``0.71 ± 0.02 m (12)``, broken before the count alone; one value has no deviation; a dash for none."""
     if not spread.count:
         return MISSING
     unit = unit if unit == "°" else f"{_KEPT}{unit}"
-    return f"{scale * spread.mean:.{digits}f}{_KEPT}±{_KEPT}{scale * spread.sd:.{digits}f}{unit} ({spread.count})"
+    sd = f"{_KEPT}±{_KEPT}{scale * spread.sd:.{digits}f}" if spread.count > 1 else ""
+    return f"{scale * spread.mean:.{digits}f}{sd}{unit} ({spread.count})"
 
 
 def _asymmetry(sides: Mapping[str, Spread]) -> str:

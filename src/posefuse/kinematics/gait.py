@@ -15,7 +15,7 @@ from itertools import pairwise
 import numpy as np
 
 from posefuse.core import PoseSequence
-from posefuse.core.arrays import Array
+from posefuse.core.arrays import Array, sample_sd
 from posefuse.core.skeleton import SIDES
 
 from .side_clues import landmarks
@@ -33,7 +33,7 @@ _LONGEST_BRIDGE_S = 0.5
 
 @dataclass(frozen=True)
 class Spread:
-    """Mean, standard deviation and count of a measure over steps or strides; NaN for none."""
+    """Mean, sample standard deviation (`sample_sd`) and count of a measure over steps or strides; NaN for none."""
 
     mean: float
     sd: float
@@ -44,7 +44,7 @@ class Spread:
         """Of the values."""
         if not len(values):
             return Spread(float("nan"), float("nan"), 0)
-        return Spread(float(np.mean(values)), float(np.std(values)), len(values))
+        return Spread(float(np.mean(values)), float(sample_sd(np.asarray(values))), len(values))
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
