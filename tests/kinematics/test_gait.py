@@ -75,6 +75,16 @@ def test_smoothing_shifts_nothing_in_time(rate_hz):
     np.testing.assert_allclose(_smooth(even, rate_hz), even, atol=1e-9)
 
 
+@pytest.mark.parametrize("share", [0.05, 0.2, 0.4])
+def test_time_steps_that_a_live_session_skipped_change_no_measure(share):
+    walk = stepping()
+    whole, kept = gait_from_poses(walk), np.flatnonzero(np.random.default_rng(4).random(len(walk)) > share)
+    gait = gait_from_poses(poses(walk.xyz_world[kept], 1e-3, t_ns=walk.t_ns[kept], skeleton=SKELETON))
+    assert gait.speed_m_s == pytest.approx(whole.speed_m_s, rel=0.01)
+    assert gait.cadence_per_min == pytest.approx(whole.cadence_per_min, rel=0.01)
+    assert gait.stride_length_m.mean == pytest.approx(whole.stride_length_m.mean, rel=0.01)
+
+
 @pytest.mark.parametrize("gap", [slice(250, 350), slice(180, 240)])
 def test_no_step_is_measured_across_a_time_out_of_sight(gap):
     gait, whole = gait_from_poses(stepping(gap=gap)), gait_from_poses(stepping())

@@ -158,7 +158,7 @@ def _gait(walks: Sequence[_Walk]) -> Gait:
 def _walks(t_s: Array, seen: dict[str, Array]) -> list[_Walk]:
     if len(t_s) < 8 or np.ptp(t_s) < 1.0:
         return []
-    points = {name: _bridged(xyz) for name, xyz in seen.items()}
+    points = {name: _bridged(xyz, t_s) for name, xyz in seen.items()}
     hips = (points["left_hip"] + points["right_hip"]) / 2
     rate_hz = (len(t_s) - 1) / float(np.ptp(t_s))
     velocity, ahead = _walking(hips, t_s, rate_hz)
@@ -186,9 +186,10 @@ def _begins(moving: Array) -> Array:
 def _walking(hips: Array, t_s: Array, rate_hz: float, over_s: float = _HEADING_S) -> tuple[Array, Array]:
     """Velocity (T, 3) of the pelvis, averaged over a time, and its horizontal unit direction."""
     window = max(3, 2 * int(over_s * rate_hz / 2) + 1)
-    padded = np.pad(hips, ((window // 2, window // 2), (0, 0)), mode="reflect", reflect_type="odd")
-    smooth = np.stack([np.convolve(padded[:, i], np.full(window, 1 / window), "valid") for i in range(3)], axis=-1)
-    velocity = np.gradient(smooth, t_s, axis=0)
+    # times with the points: where a live session skipped time steps, both are averaged over the same ones
+    padded = np.pad(np.column_stack([hips, t_s]), ((window // 2, window // 2), (0, 0)), mode="reflect", reflect_type="odd")
+    smooth = np.stack([np.convolve(column, np.full(window, 1 / window), "valid") for column in padded.T], axis=-1)
+    velocity = np.gradient(smooth[:, :3], smooth[:, 3], axis=0)
     level = velocity * [1, 1, 0]
     return velocity, level / np.maximum(np.linalg.norm(level, axis=-1, keepdims=True), 1e-9)
 
@@ -198,13 +199,12 @@ def _foot(points: dict[str, Array], side: str) -> tuple[Array, Array]:
     return (heel if np.isfinite(heel).all() else ankle), (toe if np.isfinite(toe).all() else ankle)
 
 
-def _bridged(xyz: Array) -> Array:
-    """Gaps filled linearly, for events only; all NaN stays so."""
+def _bridged(xyz: Array, t_s: Array) -> Array:
+    """Gaps filled linearly over time, for events only; all NaN stays so."""
     seen = np.isfinite(xyz[:, 0])
     if seen.all() or not seen.any():
         return xyz
-    at = np.arange(len(xyz))
-    return np.stack([np.interp(at, at[seen], xyz[seen, i]) for i in range(3)], axis=-1)
+    return np.stack([np.interp(t_s, t_s[seen], xyz[seen, i]) for i in range(3)], axis=-1)
 
 
 def _peaks(signal: Array, moving: Array, rate_hz: float) -> Array:
