@@ -128,6 +128,24 @@ def test_nothing_in_common_is_reported_with_the_names() -> None:
     refusal(InputError, r"neck.*tail|tail.*neck", lambda: compare(a, Tracks("other", ("tail",), a.t_s, a.xyz_m[:, :1])))
 
 
+@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("overlap_s", [10.0, 7.0])
+def test_rounds_of_one_circle_are_compared_by_their_own_times(seed: int, overlap_s: float) -> None:
+    """Some steps later the same figure walks the same way, turned by as much as it went round in them."""
+    t_s, rng = np.arange(0, 10, 1 / 30), np.random.default_rng(seed)
+    heading, steps = 2 * np.pi * t_s / 6, 2 * np.pi * t_s / 1.0
+    turned = Rotation.from_rotvec(heading[:, None] * [0, 0, 1]).as_matrix()
+    swing = 0.3 * np.sin(steps[:, None] + np.array([0, 0, np.pi, np.pi, 0]))
+    rest = np.array([[0, 0, 1.5], [0, 0.3, 1], [0, -0.3, 1], [0, 0.1, 0.1], [0, -0.1, 0.1]])
+    body = rest + np.stack([1.3 + 0 * swing, swing * [0, 1, 1, 1, 1], 0 * swing], axis=-1)
+    xyz = np.einsum("tij,tkj->tki", turned, body)
+    a, b = (Tracks(name, NAMES, t_s, xyz + rng.normal(0, 0.004, xyz.shape)) for name in "ab")
+    later = t_s >= 10 - overlap_s
+    found = compare(a, replace(b, t_s=t_s[later], xyz_m=b.xyz_m[later]))
+    assert found.alignment.offset_s == pytest.approx(0, abs=0.005)
+    assert np.trace(found.alignment.rotation) == pytest.approx(3, abs=0.01)
+
+
 @pytest.mark.parametrize("late_s", [0.4, 1.3, 2.2])
 def test_whole_gait_cycles_are_distinguished_by_positions_where_speeds_repeat(late_s: float) -> None:
     def walk(t_s: np.ndarray) -> np.ndarray:
