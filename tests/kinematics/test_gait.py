@@ -4,7 +4,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from built import poses
+from built import poses, simulated
 from figure import sequence_of
 
 from posefuse.core import SKELETONS
@@ -49,12 +49,21 @@ def test_measures_are_those_walked(heading_rad):
     assert gait.stride_length_m.mean == pytest.approx(SPEED_M_S * STRIDE_S, rel=0.01)
     assert gait.step_width_m.mean == pytest.approx(WIDTH_M, abs=0.005)
     for side in ("left", "right"):
-        assert gait.step_length_m[side].mean == pytest.approx(SPEED_M_S * STRIDE_S / 2, rel=0.04)
+        assert gait.step_length_m[side].mean == pytest.approx(SPEED_M_S * STRIDE_S / 2, rel=0.01)
         # this figure's feet leave the ground without a jerk, so foot off is seen up to 0.1 s late
         assert 0.6 < gait.stance_share[side].mean < 0.6 + 0.1 / STRIDE_S
     # one foot at least is always on the ground: what both stances exceed a stride by
     both = sum(gait.stance_share[side].mean for side in ("left", "right")) - 1
     assert gait.double_support_share.mean == pytest.approx(both, abs=0.01) and gait.double_support_share.count > 2
+
+
+@pytest.mark.parametrize("speed_mps", [0.6, 1.2, 1.6])
+def test_two_steps_straight_ahead_are_one_stride(speed_mps):
+    path = {"shape": "line", "start_m": (-5.0, 0.0), "end_m": (5.0, 0.0)}
+    xyz = simulated({"kind": "walk", "speed_mps": speed_mps, "path": path}, seconds=6.0, rate_hz=60.0)
+    gait = gait_from_poses(poses(xyz, 1e-3, 60.0, SKELETON))
+    both_m = sum(gait.step_length_m[side].mean for side in ("left", "right"))
+    assert both_m == pytest.approx(gait.stride_length_m.mean, rel=0.02)
 
 
 def test_strikes_are_where_the_feet_land():

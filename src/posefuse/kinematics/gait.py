@@ -53,7 +53,7 @@ class Gait:
 
     Attributes:
         strike_s, off_s: by side, times of foot strikes and foot offs in session seconds.
-        step_length_m: by side of the leading foot, along the direction of walking, heel to heel at its strike.
+        step_length_m: by side of the leading foot, along the direction of walking, from strike to strike of the heels.
         step_width_m: across it.
         stride_length_m, stride_time_s: strike to strike of the same foot.
         stance_share: by side, share of the stride on the ground.
@@ -101,10 +101,11 @@ class _Walk:
         return replace(self, strikes=strikes, offs=offs)
 
     def steps(self) -> Iterator[tuple[str, float, float]]:
-        """Side of the leading foot, length and width of each step."""
-        for (_, before), (i, side) in pairwise(self.events):
+        """Side of the leading foot, length and width of each step, from where one heel struck to where the other did."""
+        for (last, before), (i, side) in pairwise(self.events):
             if before != side:
-                gap = self.heels[side][i] - self.heels[before][i]
+                # not to where the other heel is by now: it has risen and moves
+                gap = self.heels[side][i] - self.heels[before][last]
                 width_m = abs(float(gap[0] * self.ahead[i, 1] - gap[1] * self.ahead[i, 0]))
                 yield side, float(gap @ self.ahead[i]), width_m
 
