@@ -63,6 +63,21 @@ def test_drift_shows_when_aligned_by_the_first_seconds_only() -> None:
     assert compare(a, drifting, time=False, start_s=0.5).drift_mm_per_m > 10
 
 
+@pytest.mark.parametrize("gone", ["points come and go", "some points for a while", "all points for a while"])
+def test_points_that_are_not_seen_change_neither_the_way_nor_the_drift(gone: str) -> None:
+    a, hidden = mover(50), np.zeros((400, len(NAMES)), bool)
+    if gone == "points come and go":
+        hidden = np.random.default_rng(3).random(hidden.shape) < 0.2
+    else:
+        hidden[150:200, : 2 if gone.startswith("some") else None] = True
+    whole = compare(a, a, time=False, space=False)
+    drifting = replace(a, name="b", xyz_m=a.xyz_m + 0.02 * whole.walked_m[:, None, None] * np.array([0.6, 0.8, 0]))
+    partly = replace(a, xyz_m=np.where(hidden[..., None], np.nan, a.xyz_m))
+    found = compare(partly, drifting, time=False, space=False)
+    assert found.walked_m[-1] == pytest.approx(whole.walked_m[-1], rel=0.02)
+    assert found.drift_mm_per_m == pytest.approx(20, rel=0.02)
+
+
 def test_a_drift_of_a_person_who_stays_is_not_shown_as_a_number() -> None:
     a = mover(50, duration_s=0.2)
     found = compare(a, replace(a, name="b"), time=False, space=False)
@@ -111,6 +126,24 @@ def test_a_mirror_image_is_not_taken_for_a_rotation() -> None:
 def test_nothing_in_common_is_reported_with_the_names() -> None:
     a = mover(50)
     refusal(InputError, r"neck.*tail|tail.*neck", lambda: compare(a, Tracks("other", ("tail",), a.t_s, a.xyz_m[:, :1])))
+
+
+@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("overlap_s", [10.0, 7.0])
+def test_rounds_of_one_circle_are_compared_by_their_own_times(seed: int, overlap_s: float) -> None:
+    """Some steps later the same figure walks the same way, turned by as much as it went round in them."""
+    t_s, rng = np.arange(0, 10, 1 / 30), np.random.default_rng(seed)
+    heading, steps = 2 * np.pi * t_s / 6, 2 * np.pi * t_s / 1.0
+    turned = Rotation.from_rotvec(heading[:, None] * [0, 0, 1]).as_matrix()
+    swing = 0.3 * np.sin(steps[:, None] + np.array([0, 0, np.pi, np.pi, 0]))
+    rest = np.array([[0, 0, 1.5], [0, 0.3, 1], [0, -0.3, 1], [0, 0.1, 0.1], [0, -0.1, 0.1]])
+    body = rest + np.stack([1.3 + 0 * swing, swing * [0, 1, 1, 1, 1], 0 * swing], axis=-1)
+    xyz = np.einsum("tij,tkj->tki", turned, body)
+    a, b = (Tracks(name, NAMES, t_s, xyz + rng.normal(0, 0.004, xyz.shape)) for name in "ab")
+    later = t_s >= 10 - overlap_s
+    found = compare(a, replace(b, t_s=t_s[later], xyz_m=b.xyz_m[later]))
+    assert found.alignment.offset_s == pytest.approx(0, abs=0.005)
+    assert np.trace(found.alignment.rotation) == pytest.approx(3, abs=0.01)
 
 
 @pytest.mark.parametrize("late_s", [0.4, 1.3, 2.2])

@@ -1,6 +1,7 @@
 """The report page: whole in itself, truthful about gaps, harmless text, clear errors; its figures are those of the recording."""
 
 import csv
+import statistics
 from dataclasses import replace
 from itertools import pairwise
 
@@ -21,6 +22,7 @@ from posefuse.evaluation.report import (
     longest_gap,
     parameter_blocks,
     quality_rows,
+    spread_text,
     time_plots,
     write_report,
 )
@@ -137,9 +139,12 @@ def test_angles_over_time_are_those_of_the_recording_with_gaps_and_bands(read_pa
         assert np.isnan(line["y"][60:90]).all() == (side == "left")
 
 
-def test_foot_strikes_and_foot_offs_are_events_of_the_c3d(tmp_path, ring_rig):
-    recording = recording_of(ring_rig, *walker())
-    write_biomechanics(recording, tmp_path, BiomechanicsSettings(fit="none"))
+@pytest.mark.parametrize("fit", ["none", "points"])
+def test_foot_strikes_and_foot_offs_are_the_same_in_all_files(tmp_path, ring_rig, fit):
+    """Those of `Recording.gait`, of the page and of a study, also where the fit moves points: noise of 2 cm moves events."""
+    xyz, t_ns = walker()
+    recording = recording_of(ring_rig, xyz + np.random.default_rng(2).normal(0, 0.02, xyz.shape), t_ns)
+    write_biomechanics(recording, tmp_path, BiomechanicsSettings(fit=fit))
     groups, gait = ezc3d.c3d(str(tmp_path / "points_angles.c3d"))["parameters"], gait_from_poses(recording.poses)
     event, seconds = groups["EVENT"], groups["EVENT"]["TIMES"]["value"][1]
     kinds = list(zip(event["CONTEXTS"]["value"], event["LABELS"]["value"], strict=True))
@@ -148,6 +153,8 @@ def test_foot_strikes_and_foot_offs_are_events_of_the_c3d(tmp_path, ring_rig):
             written = [t_s for t_s, kind in zip(seconds, kinds, strict=True) if kind == (side.title(), label)]
             np.testing.assert_allclose(written, times[side], atol=1e-5)
     assert np.all(np.diff(seconds) >= 0) and groups["SUBJECTS"]["NAMES"]["value"] == ["person 0"]
+    begins = {side: np.round(gait.strike_s[side], 4) for side in ("left", "right")}
+    assert all(float(row["begin_s"]) in begins[row["side"]] for row in read_rows(tmp_path / "gait_cycles.csv"))
 
 
 def test_every_file_has_the_time_of_the_session(read_page, tmp_path, ring_rig):
@@ -288,6 +295,16 @@ def test_a_side_that_takes_longer_steps_is_stated(ring_rig, left_m, right_m, sta
     assert rows["Asymmetry of the step length"][2] == f"{stated}\N{NO-BREAK SPACE}%"
     unknown = replace(gait, step_length_m={**gait.step_length_m, "left": Spread.of([])})
     assert {row[0]: row for row in parameter_blocks(unknown, [])[0].rows}["Asymmetry of the step length"][2] == MISSING
+
+
+def test_deviations_of_few_steps_and_strides_are_those_of_a_sample(ring_rig):
+    lengths_m = [0.61, 0.64, 0.72]
+    assert Spread.of(lengths_m).sd == pytest.approx(statistics.stdev(lengths_m))
+    assert spread_text(Spread.of(lengths_m), "m").endswith("m (3)") and "±" not in spread_text(Spread.of(lengths_m[:1]), "m")
+    recording = recording_of(ring_rig, *walker())
+    for one in gait_cycles(joints_from_poses(recording.poses), 0, gait_from_poses(recording.poses)):
+        few = replace(one, angle_rad=np.array([[0.1], [0.2], [0.6]]) + np.zeros(101))
+        np.testing.assert_allclose(few.sd_rad, statistics.stdev([0.1, 0.2, 0.6]))
 
 
 def test_a_person_who_turns_has_no_range_of_pelvis_rotation(read_page, tmp_path, ring_rig):

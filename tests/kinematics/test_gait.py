@@ -4,7 +4,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from built import poses
+from built import poses, simulated
 from figure import sequence_of
 
 from posefuse.core import SKELETONS
@@ -49,12 +49,21 @@ def test_measures_are_those_walked(heading_rad):
     assert gait.stride_length_m.mean == pytest.approx(SPEED_M_S * STRIDE_S, rel=0.01)
     assert gait.step_width_m.mean == pytest.approx(WIDTH_M, abs=0.005)
     for side in ("left", "right"):
-        assert gait.step_length_m[side].mean == pytest.approx(SPEED_M_S * STRIDE_S / 2, rel=0.04)
+        assert gait.step_length_m[side].mean == pytest.approx(SPEED_M_S * STRIDE_S / 2, rel=0.01)
         # this figure's feet leave the ground without a jerk, so foot off is seen up to 0.1 s late
         assert 0.6 < gait.stance_share[side].mean < 0.6 + 0.1 / STRIDE_S
     # one foot at least is always on the ground: what both stances exceed a stride by
     both = sum(gait.stance_share[side].mean for side in ("left", "right")) - 1
     assert gait.double_support_share.mean == pytest.approx(both, abs=0.01) and gait.double_support_share.count > 2
+
+
+@pytest.mark.parametrize("speed_mps", [0.6, 1.2, 1.6])
+def test_two_steps_straight_ahead_are_one_stride(speed_mps):
+    path = {"shape": "line", "start_m": (-5.0, 0.0), "end_m": (5.0, 0.0)}
+    xyz = simulated({"kind": "walk", "speed_mps": speed_mps, "path": path}, seconds=6.0, rate_hz=60.0)
+    gait = gait_from_poses(poses(xyz, 1e-3, 60.0, SKELETON))
+    both_m = sum(gait.step_length_m[side].mean for side in ("left", "right"))
+    assert both_m == pytest.approx(gait.stride_length_m.mean, rel=0.02)
 
 
 def test_strikes_are_where_the_feet_land():
@@ -75,6 +84,16 @@ def test_smoothing_shifts_nothing_in_time(rate_hz):
     np.testing.assert_allclose(_smooth(even, rate_hz), even, atol=1e-9)
 
 
+@pytest.mark.parametrize("share", [0.05, 0.2, 0.4])
+def test_time_steps_that_a_live_session_skipped_change_no_measure(share):
+    walk = stepping()
+    whole, kept = gait_from_poses(walk), np.flatnonzero(np.random.default_rng(4).random(len(walk)) > share)
+    gait = gait_from_poses(poses(walk.xyz_world[kept], 1e-3, t_ns=walk.t_ns[kept], skeleton=SKELETON))
+    assert gait.speed_m_s == pytest.approx(whole.speed_m_s, rel=0.01)
+    assert gait.cadence_per_min == pytest.approx(whole.cadence_per_min, rel=0.01)
+    assert gait.stride_length_m.mean == pytest.approx(whole.stride_length_m.mean, rel=0.01)
+
+
 @pytest.mark.parametrize("gap", [slice(250, 350), slice(180, 240)])
 def test_no_step_is_measured_across_a_time_out_of_sight(gap):
     gait, whole = gait_from_poses(stepping(gap=gap)), gait_from_poses(stepping())
@@ -86,6 +105,21 @@ def test_no_step_is_measured_across_a_time_out_of_sight(gap):
     assert gait.speed_m_s == pytest.approx(SPEED_M_S, rel=0.01)
     assert gait.stride_time_s.mean == pytest.approx(STRIDE_S, abs=0.02) and gait.stride_time_s.sd < 0.02
     assert gait.stride_length_m.mean == pytest.approx(SPEED_M_S * STRIDE_S, rel=0.01)
+
+
+@pytest.mark.parametrize("rest_s", [1.0, 5.0])
+def test_walks_with_a_rest_between_them_are_measured_as_one_without(rest_s):
+    walk, rest = stepping(), round(rest_s / 0.01)
+    whole = gait_from_poses(walk)
+    there = walk.xyz_world
+    onward = there + [*(SPEED_M_S * 6 * np.array([np.cos(0.7), np.sin(0.7)])), 0]
+    xyz = np.concatenate([there, np.linspace(there[-1], onward[0], rest), onward])
+    gait = gait_from_poses(poses(xyz, 1e-3, skeleton=SKELETON))
+    assert gait.cadence_per_min == pytest.approx(whole.cadence_per_min, rel=0.02)
+    assert gait.speed_m_s == pytest.approx(SPEED_M_S, rel=0.03)
+    assert gait.stride_time_s.mean == pytest.approx(STRIDE_S, abs=0.02) and gait.stride_time_s.sd < 0.03
+    for side in ("left", "right"):
+        assert gait.stance_share[side].mean == pytest.approx(whole.stance_share[side].mean, abs=0.02)
 
 
 def test_the_simulated_walk_round_a_circle_is_measured_as_set():

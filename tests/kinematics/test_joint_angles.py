@@ -111,6 +111,18 @@ def test_angles_stay_continuous_through_straight_knees_and_whole_turns():
     np.testing.assert_allclose(degrees_of(joints, "left_knee", slice(None))[:, 0], knee_deg, atol=0.05)
 
 
+@pytest.mark.parametrize("direction", [1, -1])
+def test_a_foot_that_noise_turns_right_round_is_back_afterwards(direction):
+    """Two wrong time steps had put a whole turn on the ankle for the rest of the recording."""
+    wrong = [{"left_ankle": (direction * degrees, 0, 0)} for degrees in (10, 130, 250)]
+    poses = sequence_of([BENT] * 5 + [BENT | one for one in wrong] + [BENT] * 5)
+    tracker = JointTracker(poses.skeleton)
+    live = np.concatenate([tracker.step(poses.at(i)).angle_rad for i in range(len(poses))])
+    q = JOINT_NAMES.index("left_ankle")
+    for angles in (joints_from_poses(poses).angle_rad, live):
+        np.testing.assert_allclose(np.degrees(angles[-1, 0, q, 0]), BENT["left_ankle"][0], atol=3)
+
+
 def test_noise_on_a_straight_leg_does_not_reach_the_turn():
     frames = [{"left_knee": (60.0 if i < 30 else 0.5, 0, 0), "left_hip": (20, 0, 10)} for i in range(90)]
     noisy = shaken(sequence_of(frames, sigma_m=0.01), 0.01, seed=1)

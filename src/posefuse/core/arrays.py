@@ -64,6 +64,11 @@ def known_median(values: Array, unknown: float = float("nan")) -> float:
     return float(np.median(known)) if len(known) else unknown
 
 
+def sample_sd(values: Array) -> Array:
+    """Standard deviation over axis 0, of all that the values are a sample of (n - 1, as statistics programs); 0 for one value."""
+    return np.asarray(np.std(values, axis=0, ddof=min(1, len(values) - 1)))
+
+
 def median_apart(one: Array, other: Array) -> float:
     """Median distance of points (K, 3) that both have; infinite where there is none."""
     return known_median(np.linalg.norm(one - other, axis=-1), np.inf)

@@ -32,7 +32,7 @@ from posefuse.outputs.data_files import write_angles
 from posefuse.outputs.provenance import duration_s, person_suffix
 from posefuse.tracking import ViewsAtJointCentres
 
-from .gait_cycles import CycleAngles, gait_cycles, write_gait_cycles
+from .gait_cycles import gait_cycles, write_gait_cycles
 from .report import TITLE, write_report
 
 _CENTIMETRES = 0.01
@@ -130,6 +130,8 @@ def write_biomechanics(
     except InputError as error:
         uneven = str(error)
     poses, joints = joints_of(recording, chosen)
+    # of the recording's own points, as on the page, so that all files have the same events
+    gaits = [gait_from_poses(recording.poses, n) for n in range(len(poses.person_id))]
     if lacking := joints_without_points(poses.skeleton):
         progress("report", 1, _STAGES, lacking)
     progress("report", 1, _STAGES, "tables and files for other programs")
@@ -138,14 +140,17 @@ def write_biomechanics(
     for n in range(len(poses.person_id)):
         ending = person_suffix(recording, n)
         if np.isfinite(joints.angle_rad[:, n]).any():
-            notes, files = _person_files(poses, joints, n, folder, ending, name=recording.person_names[n], uneven=uneven)
+            notes, files = _person_files(
+                poses, joints, n, folder, ending, name=recording.person_names[n], gait=gaits[n], uneven=uneven
+            )
             for note in notes:
                 progress("report", 1, _STAGES, note)
             made += files
             if chosen.opensim or chosen.opensim_model:
                 made += _opensim_files(poses, n, folder / f"opensim{ending}", chosen)
     progress("report", 2, _STAGES, "gait cycles and the page")
-    if cycles := _cycles(poses, joints):
+    walking = zip(poses.person_id.tolist(), gaits, strict=True)
+    if cycles := {person: gait_cycles(joints, n, gait) for n, (person, gait) in enumerate(walking) if gait is not None}:
         made.append(write_gait_cycles(folder / "gait_cycles.csv", cycles))
     del poses, cycles  # the page is of the recording's own points
     made.append(write_report(recording, joints, folder / "report.html", title=title, angles=how))
@@ -153,14 +158,16 @@ def write_biomechanics(
     return made
 
 
-def _cycles(poses: PoseSequence, joints: JointAngles) -> dict[int, list[CycleAngles]]:
-    """By person id, of those who walk."""
-    found = [(person, n, gait_from_poses(poses, n)) for n, person in enumerate(poses.person_id.tolist())]
-    return {person: gait_cycles(joints, n, gait) for person, n, gait in found if gait is not None}
-
-
 def _person_files(
-    poses: PoseSequence, joints: JointAngles, n: int, folder: Path, ending: str, *, name: str, uneven: str
+    poses: PoseSequence,
+    joints: JointAngles,
+    n: int,
+    folder: Path,
+    ending: str,
+    *,
+    name: str,
+    gait: Gait | None,
+    uneven: str,
 ) -> tuple[list[str], list[Path]]:
     """What to say about the files of angles and of the moving skeleton, and these files; `uneven`: why some cannot be."""
     made = [folder / f"angles{ending}.mot"]
@@ -171,7 +178,7 @@ def _person_files(
     if uneven:
         return [*notes, f"no points_angles{ending}.c3d, skeleton{ending}.bvh and .glb: {uneven}"], made
     made.append(folder / f"points_angles{ending}.c3d")
-    write_c3d(made[-1], _c3d_data(poses, joints, n, name))
+    write_c3d(made[-1], _c3d_data(poses, joints, n, name, gait))
     try:
         animation = animation_from_joints(poses, joints, n)
     except InputError as error:
@@ -182,7 +189,7 @@ def _person_files(
     return notes, made
 
 
-def _c3d_data(poses: PoseSequence, joints: JointAngles, n: int, name: str) -> C3dData:
+def _c3d_data(poses: PoseSequence, joints: JointAngles, n: int, name: str, gait: Gait | None) -> C3dData:
     span_s = duration_s(poses)
     labels, angles = _c3d_angles(joints, n)
     return C3dData(
@@ -194,7 +201,7 @@ def _c3d_data(poses: PoseSequence, joints: JointAngles, n: int, name: str) -> C3
         angle_rad=angles,
         about={"START_NS": str(poses.t_ns[0])},
         subject=name,
-        events=_events(gait_from_poses(poses, n), float(poses.t_ns[0]) * 1e-9),
+        events=_events(gait, float(poses.t_ns[0]) * 1e-9),
     )
 
 

@@ -11,7 +11,7 @@ from typing import Literal
 import numpy as np
 
 from posefuse.core import JointAngles
-from posefuse.core.arrays import Array
+from posefuse.core.arrays import Array, sample_sd
 from posefuse.core.skeleton import SIDES
 from posefuse.formats.page import Side
 from posefuse.foundation.output_file import atomic_file
@@ -47,8 +47,8 @@ class CycleAngles:
 
     @property
     def sd_rad(self) -> Array:
-        """(101,) standard deviation over the cycles; zero for one."""
-        return np.asarray(self.angle_rad.std(axis=0))
+        """(101,) sample standard deviation over the cycles; zero for one."""
+        return sample_sd(self.angle_rad)
 
     @property
     def ranges_rad(self) -> Array:

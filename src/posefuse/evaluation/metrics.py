@@ -110,11 +110,12 @@ def drift(path_m: Array, other_m: Array) -> tuple[Array, Array, float]:
     """How another path (T, 3) leaves a path (T, 3) on the level, both in metres, NaN where missing.
 
     Returns:
-        (T,) length of the path so far; (T,) level distance of the two; slope of the least-squares line of distance over length in
-        mm per m, NaN for less than half a metre.
+        (T,) length of the path so far, straight where it is missing; (T,) level distance of the two; slope of the least-squares
+        line of distance over length in mm per m, NaN for less than half a metre.
     """
-    steps = np.nan_to_num(np.linalg.norm(np.diff(path_m[:, :2], axis=0), axis=-1))
-    walked = np.concatenate([[0.0], np.cumsum(steps)])
+    at = np.flatnonzero(np.isfinite(path_m[:, :2]).all(axis=-1))
+    steps = np.linalg.norm(np.diff(path_m[at, :2], axis=0), axis=-1)
+    walked = np.interp(np.arange(len(path_m)), at, np.cumsum([0.0, *steps])) if len(at) else np.zeros(len(path_m))
     apart = np.linalg.norm((other_m - path_m)[:, :2], axis=-1)
     known = np.isfinite(apart)
     enough = known.any() and np.ptp(walked[known]) > _LEAST_WALKED_M

@@ -339,7 +339,7 @@ def cycle_plots(cycles: list[CycleAngles], gait: Gait) -> list[Plot]:
 
 
 def range_table(joints: JointAngles, person: int) -> Table:
-    """Least, most, range and mean of every angle over the whole recording."""
+    """Least, most, range and mean of every angle over the whole recording, and the median of its stated uncertainty."""
     rows = []
     for title, members in _grouped(joints).items():
         for q, a in members:
@@ -352,8 +352,8 @@ def range_table(joints: JointAngles, person: int) -> Table:
             figures = [f"{figure:.1f}" for figure in (known.min(), known.max(), np.ptp(known), known.mean(), sigma)]
             shown = "" if side == "mid" else Cell(side, side)
             rows.append([title, shown, *figures, f"{100 * len(known) / len(values):.0f} %"])
-    columns = ["angle, degrees", "side", "least", "greatest", "range", "mean", "standard deviation", "known in"]
-    return Table(columns, rows)
+    spread = "standard deviation of the measurement"
+    return Table(["angle, degrees", "side", "least", "greatest", "range", "mean", spread, "known in"], rows)
 
 
 def _cycle_series(one: CycleAngles) -> list[Series]:
@@ -433,11 +433,12 @@ def parameter_blocks(gait: Gait | None, cycles: list[CycleAngles]) -> list[Block
 
 
 def spread_text(spread: Spread, unit: str, scale: float = 1.0, digits: int = 2) -> str:
-    """``0.71 ± 0.02 m (12)``, broken before the count alone; a dash for none."""
+    """``0.71 ± 0.02 m (12)``, broken before the count alone; one value has no deviation; a dash for none."""
     if not spread.count:
         return MISSING
     unit = unit if unit == "°" else f"{_KEPT}{unit}"
-    return f"{scale * spread.mean:.{digits}f}{_KEPT}±{_KEPT}{scale * spread.sd:.{digits}f}{unit} ({spread.count})"
+    sd = f"{_KEPT}±{_KEPT}{scale * spread.sd:.{digits}f}" if spread.count > 1 else ""
+    return f"{scale * spread.mean:.{digits}f}{sd}{unit} ({spread.count})"
 
 
 def _asymmetry(sides: Mapping[str, Spread]) -> str:

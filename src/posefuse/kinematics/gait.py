@@ -8,14 +8,14 @@ that, the heel has nearly come to rest. Where a skeleton has no feet, the ankle 
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import pairwise
 
 import numpy as np
 
 from posefuse.core import PoseSequence
-from posefuse.core.arrays import Array
+from posefuse.core.arrays import Array, sample_sd
 from posefuse.core.skeleton import SIDES
 
 from .side_clues import landmarks
@@ -33,7 +33,7 @@ _LONGEST_BRIDGE_S = 0.5
 
 @dataclass(frozen=True)
 class Spread:
-    """Mean, standard deviation and count of a measure over steps or strides; NaN for none."""
+    """Mean, sample standard deviation (`sample_sd`) and count of a measure over steps or strides; NaN for none."""
 
     mean: float
     sd: float
@@ -44,7 +44,7 @@ class Spread:
         """Of the values."""
         if not len(values):
             return Spread(float("nan"), float("nan"), 0)
-        return Spread(float(np.mean(values)), float(np.std(values)), len(values))
+        return Spread(float(np.mean(values)), float(sample_sd(np.asarray(values))), len(values))
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -53,7 +53,7 @@ class Gait:
 
     Attributes:
         strike_s, off_s: by side, times of foot strikes and foot offs in session seconds.
-        step_length_m: by side of the leading foot, along the direction of walking, heel to heel at its strike.
+        step_length_m: by side of the leading foot, along the direction of walking, from strike to strike of the heels.
         step_width_m: across it.
         stride_length_m, stride_time_s: strike to strike of the same foot.
         stance_share: by side, share of the stride on the ground.
@@ -76,7 +76,10 @@ class Gait:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class _Walk:
-    """A time without a gap (T,): direction (T, 3) of walking, velocity (T, 3) of the pelvis; by side heels (T, 3) and events."""
+    """A time without a gap (T,): direction (T, 3) of walking, velocity (T, 3) of the pelvis, heels (T, 3) by side.
+
+    And the events, by side, of one walk in it, in which the person never stands.
+    """
 
     t_s: Array
     ahead: Array
@@ -90,11 +93,19 @@ class _Walk:
         """Strikes of both feet, in order: time step and side."""
         return sorted((int(i), side) for side in SIDES for i in self.strikes[side])
 
+    def between(self, begin: int, end: int) -> _Walk:
+        """With the events of these time steps alone, the last one excluded."""
+        strikes, offs = (
+            {side: at[(at >= begin) & (at < end)] for side, at in events.items()} for events in (self.strikes, self.offs)
+        )
+        return replace(self, strikes=strikes, offs=offs)
+
     def steps(self) -> Iterator[tuple[str, float, float]]:
-        """Side of the leading foot, length and width of each step."""
-        for (_, before), (i, side) in pairwise(self.events):
+        """Side of the leading foot, length and width of each step, from where one heel struck to where the other did."""
+        for (last, before), (i, side) in pairwise(self.events):
             if before != side:
-                gap = self.heels[side][i] - self.heels[before][i]
+                # not to where the other heel is by now: it has risen and moves
+                gap = self.heels[side][i] - self.heels[before][last]
                 width_m = abs(float(gap[0] * self.ahead[i, 1] - gap[1] * self.ahead[i, 0]))
                 yield side, float(gap @ self.ahead[i]), width_m
 
@@ -109,7 +120,7 @@ class _Walk:
 def gait_from_poses(sequence: PoseSequence, person: int = 0) -> Gait | None:
     """Events and measures of the person at this place of axis N; None if they do not walk (two strikes of each foot).
 
-    No step is measured across a time in which the person, or a foot, is out of sight for more than half a second.
+    No step is measured across a rest, or a time in which the person, or a foot, is out of sight for more than half a second.
     """
     t_s = sequence.t_ns * 1e-9
     points = landmarks(sequence.xyz_world[:, person], sequence.skeleton)
@@ -117,12 +128,12 @@ def gait_from_poses(sequence: PoseSequence, person: int = 0) -> Gait | None:
     feet = [known[f"{side}_heel"] | known[f"{side}_ankle"] for side in SIDES]
     there = np.flatnonzero(np.all([known["left_hip"], known["right_hip"], *feet], axis=0))
     pieces = np.split(there, np.flatnonzero(np.diff(t_s[there]) > _LONGEST_BRIDGE_S) + 1)
-    walks = []
+    walks: list[_Walk] = []
     for piece in pieces:
         part = slice(piece[0], piece[-1] + 1) if len(piece) else slice(0)
-        if (walk := _walk(t_s[part], {name: xyz[part] for name, xyz in points.items()})) is not None:
-            walks.append(walk)
-    return _gait(walks) if walks else None
+        walks += _walks(t_s[part], {name: xyz[part] for name, xyz in points.items()})
+    enough = all(sum(len(walk.strikes[side]) for walk in walks) >= 2 for side in SIDES)
+    return _gait(walks) if enough else None
 
 
 def _gait(walks: Sequence[_Walk]) -> Gait:
@@ -145,34 +156,41 @@ def _gait(walks: Sequence[_Walk]) -> Gait:
     )
 
 
-def _walk(t_s: Array, seen: dict[str, Array]) -> _Walk | None:
+def _walks(t_s: Array, seen: dict[str, Array]) -> list[_Walk]:
     if len(t_s) < 8 or np.ptp(t_s) < 1.0:
-        return None
-    points = {name: _bridged(xyz) for name, xyz in seen.items()}
+        return []
+    points = {name: _bridged(xyz, t_s) for name, xyz in seen.items()}
     hips = (points["left_hip"] + points["right_hip"]) / 2
     rate_hz = (len(t_s) - 1) / float(np.ptp(t_s))
     velocity, ahead = _walking(hips, t_s, rate_hz)
     moving = np.linalg.norm(velocity[:, :2], axis=-1) > _SLOWEST_M_S
     if not moving.any():
-        return None
+        return []
     strikes, offs, heels = (dict[str, Array]() for _ in range(3))
     for side in SIDES:
         heels[side], toe = _foot(points, side)
         tops = _peaks(((heels[side] - hips) * ahead).sum(-1), moving, rate_hz)
         strikes[side] = _landed(tops, heels[side], ahead, velocity, t_s, rate_hz)
         offs[side] = _peaks(-((toe - hips) * ahead).sum(-1), moving, rate_hz)
-    if min(len(strikes[side]) for side in SIDES) < 2:
-        return None
     pace, _ = _walking(hips, t_s, rate_hz, _PACE_S)
-    return _Walk(t_s=t_s, ahead=ahead, pace=pace, heels=heels, strikes=strikes, offs=offs)
+    whole = _Walk(t_s=t_s, ahead=ahead, pace=pace, heels=heels, strikes=strikes, offs=offs)
+    walks = [whole.between(*ends) for ends in pairwise([0, *_begins(moving), len(t_s)])]
+    return [walk for walk in walks if any(walk.strides())]
+
+
+def _begins(moving: Array) -> Array:
+    """Time steps at which a person walks again who had stood."""
+    at = np.flatnonzero(moving)
+    return np.asarray(at[1:][np.diff(at) > 1])
 
 
 def _walking(hips: Array, t_s: Array, rate_hz: float, over_s: float = _HEADING_S) -> tuple[Array, Array]:
     """Velocity (T, 3) of the pelvis, averaged over a time, and its horizontal unit direction."""
     window = max(3, 2 * int(over_s * rate_hz / 2) + 1)
-    padded = np.pad(hips, ((window // 2, window // 2), (0, 0)), mode="reflect", reflect_type="odd")
-    smooth = np.stack([np.convolve(padded[:, i], np.full(window, 1 / window), "valid") for i in range(3)], axis=-1)
-    velocity = np.gradient(smooth, t_s, axis=0)
+    # times with the points: where a live session skipped time steps, both are averaged over the same ones
+    padded = np.pad(np.column_stack([hips, t_s]), ((window // 2, window // 2), (0, 0)), mode="reflect", reflect_type="odd")
+    smooth = np.stack([np.convolve(column, np.full(window, 1 / window), "valid") for column in padded.T], axis=-1)
+    velocity = np.gradient(smooth[:, :3], smooth[:, 3], axis=0)
     level = velocity * [1, 1, 0]
     return velocity, level / np.maximum(np.linalg.norm(level, axis=-1, keepdims=True), 1e-9)
 
@@ -182,13 +200,12 @@ def _foot(points: dict[str, Array], side: str) -> tuple[Array, Array]:
     return (heel if np.isfinite(heel).all() else ankle), (toe if np.isfinite(toe).all() else ankle)
 
 
-def _bridged(xyz: Array) -> Array:
-    """Gaps filled linearly, for events only; all NaN stays so."""
+def _bridged(xyz: Array, t_s: Array) -> Array:
+    """Gaps filled linearly over time, for events only; all NaN stays so."""
     seen = np.isfinite(xyz[:, 0])
     if seen.all() or not seen.any():
         return xyz
-    at = np.arange(len(xyz))
-    return np.stack([np.interp(at, at[seen], xyz[seen, i]) for i in range(3)], axis=-1)
+    return np.stack([np.interp(t_s, t_s[seen], xyz[seen, i]) for i in range(3)], axis=-1)
 
 
 def _peaks(signal: Array, moving: Array, rate_hz: float) -> Array:

@@ -74,9 +74,9 @@ _TABLE = kernels.BodyTable(
 def joints_from_poses(sequence: PoseSequence, settings: JointSettings | None = None) -> JointAngles:
     """Segment frames and joint angles of a recording, the planes of straight limbs carried from both sides in time.
 
-    Angles are continuous over time (unwrapped), radians, flexion positive on both sides; `sigma_rad` is propagated from
-    `cov_world`, whose keypoints are taken as independent of each other. What is not defined is NaN;
-    `reasons_from_poses` gives the reason.
+    Angles are continuous over time (unwrapped; those of joints within 225 degrees), radians, flexion positive on both sides;
+    `sigma_rad` is propagated from `cov_world`, whose keypoints are taken as independent of each other. What is not defined is
+    NaN; `reasons_from_poses` gives the reason.
 
     Raises:
         InputError: left and right of a person are plainly swapped (see `check_sides`).
@@ -99,7 +99,7 @@ def reasons_from_poses(sequence: PoseSequence, settings: JointSettings | None = 
         for i in range(shape[0]):
             work.read(sequence.xyz_world[i, n], sequence.cov_world[i, n])
             work.solve(planes[i])
-            kernels.unwrap(work.angles, last)
+            work.unwrap(last)
             wxyz[i, n], origin[i, n] = frames_of(work.rotation, work.origins())
             angles[i, n], sigmas[i, n], reasons[i, n] = work.angles, work.sigmas, work.reasons
     return joints_value(sequence.t_ns, sequence.person_id, wxyz, origin, angles, sigmas), reasons
@@ -131,7 +131,7 @@ class JointTracker:
             work.read(pose.xyz_world[n], pose.cov_world[n])
             work.step_planes(memory.planes, (pose.t_ns - memory.t_ns) * 1e-9)
             work.solve(work.updated)
-            kernels.unwrap(work.angles, memory.angles)
+            work.unwrap(memory.angles)
             rotation[0, n], origin[0, n] = work.rotation, work.origins()
             angles[0, n], sigmas[0, n] = work.angles, work.sigmas
             memory.t_ns = pose.t_ns
@@ -206,6 +206,10 @@ class FrameBuffers:
         kernels.solve_joints(
             self.points, self.points_cov, planes, _TABLE, self.determined, self.limits, self._frames, self._angles
         )  # fmt: skip
+
+    def unwrap(self, last: Array) -> None:
+        """Move the angles by whole turns to the nearest of their last values (J, 3), which are then replaced."""
+        kernels.unwrap(self.angles, last, _TABLE)
 
     def drop_uncertain(self) -> None:
         """Angles whose standard deviation has grown past the limit become NaN."""

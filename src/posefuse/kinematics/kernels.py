@@ -553,13 +553,23 @@ def _reason(determined, free, sigma, turn_var, limit):
     return DEFINED
 
 
+# no joint turns farther
+_FARTHEST_TURN = 1.25 * math.pi
+
+
 @kernel()
-def unwrap(angles, last):
-    """Move angles (J, 3) by whole turns to the nearest of their last values, which are then replaced."""
+def unwrap(angles, last, table):
+    """Move angles (J, 3) by whole turns to the nearest of their last values, which are then replaced.
+
+    A person turns in the room as often as they like, but no joint turns right round: what noise of one time step has moved by a
+    turn comes back.
+    """
     for q in range(angles.shape[0]):
+        in_room = table.joint_segments[q, 0] < 0
         for a in range(3):
             if not math.isnan(angles[q, a]):
                 if not math.isnan(last[q, a]):
-                    turns = round((last[q, a] - angles[q, a]) / (2.0 * math.pi))
-                    angles[q, a] += 2.0 * math.pi * turns
+                    near = angles[q, a] + 2.0 * math.pi * round((last[q, a] - angles[q, a]) / (2.0 * math.pi))
+                    if in_room or abs(near) < _FARTHEST_TURN:
+                        angles[q, a] = near
                 last[q, a] = angles[q, a]

@@ -9,7 +9,7 @@ import numpy as np
 from posefuse.core.arrays import Array
 from posefuse.kinematics.definitions import LIMBS
 from posefuse.kinematics.joints import FrameBuffers
-from posefuse.kinematics.kernels import PLANE_SIZE, unwrap
+from posefuse.kinematics.kernels import PLANE_SIZE
 
 from . import fit_kernels
 from .filter import BodyFilter, Measurement, State
@@ -129,7 +129,7 @@ class StateReader:
         by_state = np.tensordot(work.weights, self._of_landmarks(), axes=([1, 3], [0, 1]))
         work.sigmas[:] = np.sqrt(work.sigmas**2 + (by_state @ cov_state * by_state).sum(axis=-1))
         work.drop_uncertain()
-        unwrap(work.angles, self._last)
+        work.unwrap(self._last)
         return Fitted(
             xyz=self._points.copy(),
             cov=cov,

@@ -9,7 +9,7 @@ import numpy as np
 
 from posefuse import __version__
 from posefuse.core import InputError, PoseSequence, Recording
-from posefuse.core.arrays import Array, known_median
+from posefuse.core.arrays import Array, known_median, sample_sd
 from posefuse.core.palette import LEGEND
 from posefuse.core.poses import point_sigma_m
 from posefuse.core.skeleton import SIDES
@@ -147,7 +147,7 @@ def _cycle_plot(joint: str, angle: str, participants: Sequence[str], rows: Rows)
         if not curves:
             continue
         every = np.stack(list(curves.values()))
-        series += cycle_series(side, curves, every.mean(axis=0), every.std(axis=0), f"{side}, mean of {len(curves)}")
+        series += cycle_series(side, curves, every.mean(axis=0), sample_sd(every), f"{side}, mean of {len(curves)}")
     if not series:
         return None
     return Plot(f"{joint} {angle}".capitalize(), series, x_label="% of the gait cycle", y_label="degrees", legend=False)
@@ -175,4 +175,4 @@ def _spread(values: Array, digits: int) -> str:
     if not len(values):
         return ""
     mean = f"{values.mean():.{digits}f}"
-    return f"{mean} ± {values.std(ddof=1):.{digits}f} ({len(values)})" if len(values) > 1 else f"{mean} (1)"
+    return f"{mean} ± {sample_sd(values):.{digits}f} ({len(values)})" if len(values) > 1 else f"{mean} (1)"
