@@ -7,7 +7,7 @@ import math
 import shutil
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import pytest
 from checks import refusal
@@ -88,6 +88,9 @@ def test_every_function_with_a_flag_checks_its_arguments() -> None:
     assert not [name for name, one in with_flags.items() if not hasattr(one, "__wrapped__")]
 
 
+Colour = Literal["red", "green"]
+
+
 @checked
 def example(
     path: str,
@@ -97,6 +100,7 @@ def example(
     names: Sequence[str] = (),
     late_s: Mapping[str, float] | None = None,
     settings: Mapping[str, Any] | None = None,
+    colour: Colour | None = None,
 ) -> str:
     """Any function."""
     return path
@@ -113,6 +117,8 @@ def example(
         ({"names": [3]}, "names: expected a list of names"),
         ({"late_s": 0.1}, "late_s: expected finite numbers by name, got 0.1"),
         ({"late_s": {"cam00": math.nan}}, "late_s: expected finite numbers by name, got {'cam00': nan}"),
+        ({"colour": "rde"}, "colour: expected one of red, green, got 'rde'"),
+        ({"colour": 3}, "colour: expected one of red, green, got 3"),
         ({"settings": "smooth.raw=2"}, r"settings: expected settings by dotted key, \{'KEY': VALUE\}, got 'smooth.raw=2'"),
     ],
 )  # fmt: skip
@@ -125,9 +131,20 @@ def test_arguments_by_place_are_checked_as_those_by_name(make_recording: Callabl
     refusal(InputError, "models: names: expected a list of names, got 'blazepose_full'", pf.models, "blazepose_full", check=True)
 
 
+def test_a_fit_that_does_not_exist_is_refused(make_recording: Callable[..., pf.Recording], tmp_path: Path) -> None:
+    """It was taken for ``rays``."""
+    refusal(
+        InputError, "joint_angles: fit: expected one of points, rays, none, got 'ray'", make_recording().joint_angles, fit="ray"
+    )
+    refusal(InputError, "report: fit: expected one of", make_recording().report, tmp_path / "report", fit="ray")
+    refusal(
+        InputError, "calibrate_person: clocks: expected one of", pf.calibrate_person, {}, intrinsics="rig.toml", clocks="late"
+    )
+
+
 def test_what_fits_passes_and_other_errors_are_those_of_python() -> None:
     assert example("a", flag=False, count=3, names=("trc",), late_s={"cam00": 0.1}, settings={"a": 1}) == "a"
-    assert example("a", count=None, settings=None) == "a"
+    assert example("a", count=None, settings=None, colour="red") == example("a", colour=None) == "a"
     refusal(TypeError, "unexpected keyword argument 'flags'", example, "a", flags=True)
 
 

@@ -35,9 +35,10 @@ def test_a_study_takes_a_network_and_a_processor_as_a_session_does(monkeypatch: 
     asked: list[Any] = []
     monkeypatch.setattr("posefuse.pipeline.batch.run_study", lambda *_, settings, **__: asked.append(settings))
     pf.batch("study", "out", networks="rtmpose_m", device="cpu", settings={"rate_hz": 30})
-    pf.batch("study", "out")
+    pf.batch("study", "out", networks=Path("blazepose_lite"))
     chosen = {"detector.name": "onnx", "detector.options.card": "rtmpose_m", "detector.options.device": "cpu"}
-    assert asked == [{**chosen, "rate_hz": 30}, {}]
+    # a card of one's own is a file, and may be given as one
+    assert asked == [{**chosen, "rate_hz": 30}, {"detector.options.landmarks": "blazepose_lite"}]
 
 
 def test_progress_is_reported_in_order(demo_session: Path, models: None) -> None:

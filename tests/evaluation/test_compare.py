@@ -113,6 +113,13 @@ def test_nothing_in_common_is_reported_with_the_names() -> None:
     refusal(InputError, r"neck.*tail|tail.*neck", lambda: compare(a, Tracks("other", ("tail",), a.t_s, a.xyz_m[:, :1])))
 
 
+@pytest.mark.parametrize("space", [True, False])
+def test_a_single_time_step_is_too_little_to_find_an_offset(space: bool) -> None:
+    one = mover(50, 0.02)
+    for pair in ((one, mover(50)), (mover(50), one)):
+        refusal(InputError, "too few points are known in both", compare, *pair, space=space)
+
+
 @pytest.mark.parametrize("late_s", [0.4, 1.3, 2.2])
 def test_whole_gait_cycles_are_distinguished_by_positions_where_speeds_repeat(late_s: float) -> None:
     def walk(t_s: np.ndarray) -> np.ndarray:

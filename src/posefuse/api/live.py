@@ -285,7 +285,7 @@ def live(
     sources: Mapping[str, str] | Sequence[str],
     *,
     people: int | None = None,
-    networks: str | None = None,
+    networks: str | Path | None = None,
     device: str | int | None = None,
     rate_hz: float | None = None,
     duration_s: float | None = None,
