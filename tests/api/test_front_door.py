@@ -5,7 +5,9 @@ from __future__ import annotations
 import inspect
 import math
 import shutil
+import warnings
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, Literal
 
@@ -64,6 +66,19 @@ def test_values_print_in_one_short_line(ring_rig) -> None:
     assert repr(pose) == "Pose3D(at 5 ns, people (ids) [], Skeleton(blazepose33, 33 keypoints, 29 bones))"
     assert repr(observed) == "Detections2D(0 people in cam00 at 7 ns, Skeleton(blazepose33, 33 keypoints, 29 bones))"
     assert repr(pf.PoseSequence.from_poses([pose])).startswith("PoseSequence(1 time steps, people (ids) [], Skeleton(")
+
+
+def test_a_problem_is_shown_each_time_at_the_line_of_the_program(make_recording, ring_rig, tmp_path: Path) -> None:
+    """Python shows the same words once: of the next recordings of a loop, and of a cell run again, they were not shown."""
+    rig, recording = replace(ring_rig(2), refused="scale"), make_recording()
+    recording.save(tmp_path / "result")
+    with warnings.catch_warnings(record=True) as shown:
+        warnings.simplefilter("default")
+        for _ in range(2):
+            pf.live(rig, {"cam00": "usb:0", "cam01": "usb:1"})
+            recording.save(tmp_path / "result", replace=True)
+    assert ["refused (scale)" in str(one.message) for one in shown] == [True, False, True, False]
+    assert {one.filename for one in shown} == {__file__}
 
 
 # --- what a function would ignore or take for something else is refused, with the right spelling
