@@ -5,6 +5,7 @@ OpenVINO is imported without its telemetry.
 
 from __future__ import annotations
 
+import os
 import sys
 from collections.abc import Sequence
 from functools import cache
@@ -36,9 +37,23 @@ def openvino_package() -> Any:
 
 
 @cache
+def _core_and_process() -> tuple[Any, int]:
+    return openvino_package().Core(), os.getpid()
+
+
 def openvino_core() -> Any:
-    """The one `openvino.Core` of this process."""
-    return openvino_package().Core()
+    """The one `openvino.Core` of this process.
+
+    Raises:
+        ModelError: the process was forked from one that has it already: OpenVINO would wait for threads that only that one has.
+    """
+    core, process = _core_and_process()
+    if process != os.getpid():
+        raise ModelError(
+            "networks do not run in a process that was forked from one that has used them; start processes with the method spawn,"
+            " e.g. multiprocessing.get_context('spawn')"
+        )
+    return core
 
 
 def compiled_by_openvino(model: Any, device: Device, precision: Precision, streams: int) -> Any:
