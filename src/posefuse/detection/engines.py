@@ -133,6 +133,8 @@ class BlazePoseNetwork:
 
         Each crop is asked for while other threads work on those before it.
         """
+        # a detector that was made before the process was forked is refused, too
+        openvino_core()
         if self._alone and len(crops) == 1:
             self._start(0, crops[0])
             # heatmaps are large, and little of them is looked at: not copied
@@ -257,6 +259,7 @@ class OpenVinoRunner:
 
     def run(self, inputs: Sequence[Array]) -> list[list[Array]]:
         """The outputs for each input (1, 3, H, W) float32."""
+        openvino_core()
         results: list[list[Array]] = [[] for _ in inputs]
         for one, result in zip(inputs, results, strict=True):
             self._queue.start_async({0: one}, userdata=result)
