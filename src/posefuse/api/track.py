@@ -249,7 +249,7 @@ def _edits(
     check_exclusions(exclude, earlier)
     if edits is None and (edits := read_edits(path)) not in (None, NO_EDITS):
         count = len(edits.exclusions)
-        note(f"{edits_path(path)}: what is marked there is left out (stretches: {count}); `no_edits=True` uses everything")
+        note(f"{edits_path(path)}: what is marked there is left out (stretches: {count}); `edits=Edits()` uses everything")
     base = edits_of(earlier.provenance) if edits is None else edits
     return dataclasses.replace(
         base,
