@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+import ast
 import inspect
 import math
 import shutil
+import warnings
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from types import ModuleType
+from typing import Any, Literal
 
 import pytest
 from checks import refusal
@@ -15,6 +19,7 @@ from commands import oracle
 from running import python
 
 import posefuse as pf
+from posefuse import core, fusion
 from posefuse.api import calibrate, compare, recording, track
 from posefuse.api.arguments import checked
 from posefuse.core import SKELETONS, ConfigError, InputError
@@ -46,6 +51,14 @@ def test_the_package_is_typed_for_its_users() -> None:
     assert files("posefuse").joinpath("py.typed").is_file()
 
 
+@pytest.mark.parametrize("package", [core, fusion])
+def test_a_strict_type_checker_knows_the_bases_of_public_classes(package: ModuleType) -> None:
+    """Without the list `pf.Recording` and `pf.Rig` were derived from Any: mypy accepted every attribute of theirs."""
+    tree = ast.parse(inspect.getsource(package))
+    [checking] = [node for node in tree.body if isinstance(node, ast.If)]
+    assert set(package.__all__) == {alias.name for line in checking.body for alias in line.names}
+
+
 @pytest.mark.parametrize("name", sorted(name for name in pf.__all__ if inspect.isfunction(getattr(pf, name))))
 def test_every_public_function_has_an_example_that_runs(name: str) -> None:
     """Those that need recordings, cameras or a network are only parsed here; `tests/api/test_gallery.py` runs such programs."""
@@ -64,6 +77,19 @@ def test_values_print_in_one_short_line(ring_rig) -> None:
     assert repr(pose) == "Pose3D(at 5 ns, people (ids) [], Skeleton(blazepose33, 33 keypoints, 29 bones))"
     assert repr(observed) == "Detections2D(0 people in cam00 at 7 ns, Skeleton(blazepose33, 33 keypoints, 29 bones))"
     assert repr(pf.PoseSequence.from_poses([pose])).startswith("PoseSequence(1 time steps, people (ids) [], Skeleton(")
+
+
+def test_a_problem_is_shown_each_time_at_the_line_of_the_program(make_recording, ring_rig, tmp_path: Path) -> None:
+    """Python shows the same words once: of the next recordings of a loop, and of a cell run again, they were not shown."""
+    rig, recording = replace(ring_rig(2), refused="scale"), make_recording()
+    recording.save(tmp_path / "result")
+    with warnings.catch_warnings(record=True) as shown:
+        warnings.simplefilter("default")
+        for _ in range(2):
+            pf.live(rig, {"cam00": "usb:0", "cam01": "usb:1"})
+            recording.save(tmp_path / "result", replace=True)
+    assert ["refused (scale)" in str(one.message) for one in shown] == [True, False, True, False]
+    assert {one.filename for one in shown} == {__file__}
 
 
 # --- what a function would ignore or take for something else is refused, with the right spelling
@@ -88,6 +114,9 @@ def test_every_function_with_a_flag_checks_its_arguments() -> None:
     assert not [name for name, one in with_flags.items() if not hasattr(one, "__wrapped__")]
 
 
+Colour = Literal["red", "green"]
+
+
 @checked
 def example(
     path: str,
@@ -97,6 +126,7 @@ def example(
     names: Sequence[str] = (),
     late_s: Mapping[str, float] | None = None,
     settings: Mapping[str, Any] | None = None,
+    colour: Colour | None = None,
 ) -> str:
     """Any function."""
     return path
@@ -113,6 +143,8 @@ def example(
         ({"names": [3]}, "names: expected a list of names"),
         ({"late_s": 0.1}, "late_s: expected finite numbers by name, got 0.1"),
         ({"late_s": {"cam00": math.nan}}, "late_s: expected finite numbers by name, got {'cam00': nan}"),
+        ({"colour": "rde"}, "colour: expected one of red, green, got 'rde'"),
+        ({"colour": 3}, "colour: expected one of red, green, got 3"),
         ({"settings": "smooth.raw=2"}, r"settings: expected settings by dotted key, \{'KEY': VALUE\}, got 'smooth.raw=2'"),
     ],
 )  # fmt: skip
@@ -125,9 +157,20 @@ def test_arguments_by_place_are_checked_as_those_by_name(make_recording: Callabl
     refusal(InputError, "models: names: expected a list of names, got 'blazepose_full'", pf.models, "blazepose_full", check=True)
 
 
+def test_a_fit_that_does_not_exist_is_refused(make_recording: Callable[..., pf.Recording], tmp_path: Path) -> None:
+    """It was taken for ``rays``."""
+    refusal(
+        InputError, "joint_angles: fit: expected one of points, rays, none, got 'ray'", make_recording().joint_angles, fit="ray"
+    )
+    refusal(InputError, "report: fit: expected one of", make_recording().report, tmp_path / "report", fit="ray")
+    refusal(
+        InputError, "calibrate_person: clocks: expected one of", pf.calibrate_person, {}, intrinsics="rig.toml", clocks="late"
+    )
+
+
 def test_what_fits_passes_and_other_errors_are_those_of_python() -> None:
     assert example("a", flag=False, count=3, names=("trc",), late_s={"cam00": 0.1}, settings={"a": 1}) == "a"
-    assert example("a", count=None, settings=None) == "a"
+    assert example("a", count=None, settings=None, colour="red") == example("a", colour=None) == "a"
     refusal(TypeError, "unexpected keyword argument 'flags'", example, "a", flags=True)
 
 

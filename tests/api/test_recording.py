@@ -36,6 +36,13 @@ def test_labelled_arrays_have_named_axes_units_and_provenance(make_recording: Ma
     np.testing.assert_array_equal(wrist.values, recording.keypoint("left_wrist")[:, 1, 2])
 
 
+def test_without_people_labelled_arrays_keep_their_axes(make_recording: Make) -> None:
+    """As of a live session in which no person was seen."""
+    recording = make_recording()
+    data = replace(recording, poses=recording.poses.people(slice(0))).to_xarray(angles=True)
+    assert (data.sizes["person"], data.sizes["angle"]) == (0, make_recording().to_xarray(angles=True).sizes["angle"])
+
+
 def test_netcdf_keeps_every_bit(make_recording: Make, tmp_path: Path) -> None:
     xr = pytest.importorskip("xarray", reason="the extra data is not installed")
     recording = make_recording(people=(7, 3))

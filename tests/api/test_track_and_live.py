@@ -2,6 +2,8 @@
 
 import threading
 import time
+from collections import deque
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -10,7 +12,7 @@ import pytest
 from checks import refusal
 
 import posefuse as pf
-from posefuse.core import ConfigError, InputError, SourceError
+from posefuse.core import ConfigError, InputError, LivePreview, SourceError
 
 
 @pytest.fixture(scope="module")
@@ -33,9 +35,10 @@ def test_a_study_takes_a_network_and_a_processor_as_a_session_does(monkeypatch: 
     asked: list[Any] = []
     monkeypatch.setattr("posefuse.pipeline.batch.run_study", lambda *_, settings, **__: asked.append(settings))
     pf.batch("study", "out", networks="rtmpose_m", device="cpu", settings={"rate_hz": 30})
-    pf.batch("study", "out")
+    pf.batch("study", "out", networks=Path("blazepose_lite"))
     chosen = {"detector.name": "onnx", "detector.options.card": "rtmpose_m", "detector.options.device": "cpu"}
-    assert asked == [{**chosen, "rate_hz": 30}, {}]
+    # a card of one's own is a file, and may be given as one
+    assert asked == [{**chosen, "rate_hz": 30}, {"detector.options.landmarks": "blazepose_lite"}]
 
 
 def test_progress_is_reported_in_order(demo_session: Path, models: None) -> None:
@@ -70,6 +73,67 @@ def test_where_ros_2_is_has_no_effect_on_a_session_without_it_which_is_refused(d
     monkeypatch.setattr("posefuse.realtime.networks.fetch_networks", lambda *_: pytest.fail("networks were fetched"))
     session = pf.live(demo_session / "rig.toml", [f"sim:{demo_session}"], ros={"domain_id": 5})
     refusal(ConfigError, "`domain_id=5`: no source and no output is in ROS 2; leave it out, or add one", session.__enter__)
+
+
+class _Session:
+    """In place of the session's process: it sends one message, and runs until it is ended."""
+
+    running, trouble = False, ""
+
+    def __init__(self, message: Any) -> None:
+        self._messages = deque([message])
+
+    def start(self, *_: Any) -> None:
+        self.running = True
+
+    def send(self, *_: Any) -> bool:
+        return self.running
+
+    def receive(self) -> Any:
+        return self._messages.popleft() if self._messages else None
+
+    def wait(self, timeout_s: float) -> bool:
+        time.sleep(0.01)
+        return bool(self._messages)
+
+    def end(self, wait_s: float) -> None:
+        self.running = False
+
+
+@pytest.fixture
+def session_that_sends(demo_session: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[..., Any]:
+    def make(message: Any, **options: Any) -> Any:
+        monkeypatch.setattr("posefuse.realtime.networks.fetch_networks", lambda *_: None)
+        monkeypatch.setattr("posefuse.api.live.Worker", lambda _: _Session(message))
+        return pf.live(demo_session / "rig.toml", [f"sim:{demo_session}"], **options)
+
+    return make
+
+
+@pytest.mark.parametrize("message", ["a line of news", LivePreview(camera="cam00", t_ns=0, jpeg=b"", size_wh=(64, 48))])
+def test_what_a_function_of_the_program_raises_ends_the_session_and_is_raised(session_that_sends, message: Any) -> None:
+    """The session continued, and the program waited for poses without end."""
+
+    def fail(*_: Any) -> None:
+        raise KeyError("of the program")
+
+    session = session_that_sends(message, progress=fail)
+    session.on_image = fail
+    with pytest.raises(KeyError, match="of the program"), session:
+        pass
+    assert session.ended
+
+
+def test_poses_of_a_session_that_has_not_begun_are_refused(session_that_sends) -> None:
+    """A program without ``with`` had waited without end."""
+    refusal(SourceError, r"has not begun; use it as `with posefuse\.live", next, iter(session_that_sends("news")))
+
+
+def test_a_session_that_is_over_does_not_begin_again(session_that_sends) -> None:
+    """The second time there were no poses, and no word of it."""
+    session = session_that_sends("news")
+    session.close()
+    refusal(SourceError, "a session runs once", session.__enter__)
 
 
 @pytest.mark.realtime

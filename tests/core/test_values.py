@@ -1,7 +1,11 @@
 """Values are checked once at birth and cannot be written afterwards."""
 
+import copy
 import pickle
-from dataclasses import replace
+from collections.abc import Iterator
+from dataclasses import is_dataclass, replace
+from operator import attrgetter
+from typing import Any
 
 import built
 import numpy as np
@@ -72,6 +76,30 @@ def test_a_recording_fits_its_rig(ring_rig) -> None:
     one = PoseSequence.from_poses([pose(5)])
     refusal(ShapeError, "cameras cam00, cam01, cam02, cam03, the observations cam00", replace, made, rig=ring_rig(4))
     refusal(ShapeError, r"time steps to be the poses' 1, or none \(live\), got 2", replace, made, poses=one)
+
+
+def arrays_in(value: Any, name: str = "value") -> Iterator[tuple[str, np.ndarray]]:
+    """All arrays that a value has and keeps, by their place in it."""
+    if isinstance(value, np.ndarray):
+        yield name, value
+    elif isinstance(value, tuple):
+        for i, one in enumerate(value):
+            yield from arrays_in(one, f"{name}[{i}]")
+    elif is_dataclass(value):
+        for field, one in vars(value).items():
+            yield from arrays_in(one, f"{name}.{field}")
+
+
+@pytest.mark.parametrize("copied", [lambda value: value, copy.deepcopy, lambda value: pickle.loads(pickle.dumps(value, 4))])
+def test_nothing_of_a_recording_can_be_written_nor_of_a_copy(ring_rig, copied) -> None:
+    """A camera moved within a copied rig projected from its new place, and its kept centre was the old one."""
+    made = built.recording(ring_rig(3), PoseSequence.from_poses([pose(5), pose(9)]))
+    for derived in ("views", "observations.detection_frame", "poses.skeleton.mirror", "poses.skeleton.bone_indices"):
+        attrgetter(derived)(made)
+    assert [camera.centre_world for camera in made.rig] and made.poses.skeleton.limbs
+    found = dict(arrays_in(copied(made)))
+    assert len(found) > 40
+    assert not [name for name, array in found.items() if array.flags.writeable]
 
 
 @pytest.mark.parametrize("skeleton", SKELETONS.values(), ids=lambda s: s.name)

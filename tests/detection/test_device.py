@@ -1,5 +1,6 @@
 """The processor that is named is used or refused; `auto` takes a graphics card only after a network ran on it."""
 
+import os
 import sys
 from dataclasses import replace
 from types import SimpleNamespace
@@ -7,6 +8,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from checks import assert_same, refusal
+from running import python
 
 from posefuse.cli.main import main
 from posefuse.core import ConfigError, DependencyError, ModelError
@@ -136,6 +138,15 @@ def test_people_are_searched_for_in_the_images_of_all_cameras_in_one_call(tmp_pa
 @pytest.mark.parametrize("word", ["gpu", "cuda:", "cuda:x", "cpu:1", "cuda:0,cuda:1", "coreml:0", "CUDA", "", "openvino:tpu"])
 def test_another_word_is_refused_with_those_there_are(word):
     refusal(ConfigError, r"device: expected one of .*cuda\[:N\].*got ", device_of, word)
+
+
+@pytest.mark.skipif(not hasattr(os, "fork"), reason="this system does not fork processes")
+def test_a_process_forked_from_one_that_has_used_networks_is_refused_them():
+    """It waited without end, as with Python's own pools of processes on Linux before 3.14."""
+    forked = (
+        "import os; from posefuse.detection.engines import openvino_core as core; core(); os.fork() == 0 and core(); os.wait()"
+    )
+    assert "ModelError: networks do not run in a process that was forked" in python("-c", forked).stderr
 
 
 def test_openvino_names_what_it_has():

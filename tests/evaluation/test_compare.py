@@ -146,6 +146,13 @@ def test_rounds_of_one_circle_are_compared_by_their_own_times(seed: int, overlap
     assert np.trace(found.alignment.rotation) == pytest.approx(3, abs=0.01)
 
 
+@pytest.mark.parametrize("space", [True, False])
+def test_a_single_time_step_is_too_little_to_find_an_offset(space: bool) -> None:
+    one = mover(50, 0.02)
+    for pair in ((one, mover(50)), (mover(50), one)):
+        refusal(InputError, "too few points are known in both", compare, *pair, space=space)
+
+
 @pytest.mark.parametrize("late_s", [0.4, 1.3, 2.2])
 def test_whole_gait_cycles_are_distinguished_by_positions_where_speeds_repeat(late_s: float) -> None:
     def walk(t_s: np.ndarray) -> np.ndarray:

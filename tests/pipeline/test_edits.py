@@ -14,6 +14,7 @@ from commands import error
 from synthetic_walk import BODY as WALKER
 from synthetic_walk import walker
 
+import posefuse as pf
 from posefuse.api.recording import recording_of
 from posefuse.calibration.settings import RefineSettings
 from posefuse.cli.main import main
@@ -229,7 +230,10 @@ def test_from_the_shell_marks_and_options_are_used_together(recording, tmp_path,
     write_edits(result, Edits(exclusions=(BLOCKED,)))
     line = ["solve", str(result), "--exclude", "cam04:0.7-1.2", "--keep-person", "1", "--outputs", "csv", "--out", str(out)]
     assert main(line) == 0
-    assert "left out (stretches: 1)" in capsys.readouterr().err
+    assert "left out (stretches: 1); --no-edits uses everything" in capsys.readouterr().err
+    news: list[str] = []
+    pf.solve(result, tmp_path / "python", progress=lambda stage, done, of, line="": news.append(line))
+    assert any(line.endswith("`edits=Edits()` uses everything") for line in news)
     exclusions = (BLOCKED, Exclusion(camera="cam04", start_s=0.7, end_s=1.2))
     assert_same_poses(read_recording(out), solve_again(recording, edits=Edits(exclusions=exclusions, person=1)))
     assert main([*line[:2], "--no-edits", "--outputs", "csv", "--out", str(tmp_path / "plain")]) == 0

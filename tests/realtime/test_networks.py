@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from unittest.mock import Mock
 
 import pytest
 from checks import refusal
@@ -67,6 +68,15 @@ def test_where_none_runs_the_reason_is_given(tmp_path: Path, monkeypatch: pytest
     monkeypatch.setenv("POSEFUSE_CACHE", str(tmp_path))
     with pytest.raises(PosefuseError, match="fetch those you need: posefuse models NAME"):
         settled_network(DetectorChoice(options={"device": "cuda"}), 2, pytest.fail)
+
+
+def test_ctrl_c_ends_the_process_that_measures_at_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    """It measured on, on all cores, for as long as the program ran."""
+    worker = Mock(**{"wait.side_effect": KeyboardInterrupt})
+    monkeypatch.setattr(networks, "Worker", lambda _: worker)
+    with pytest.raises(KeyboardInterrupt):
+        settled_network(DetectorChoice(options={"landmarks": "auto"}), 2, pytest.fail)
+    worker.end.assert_called_once_with(0.0)
 
 
 def test_auto_is_a_graphics_card_where_the_network_ran_on_one(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -1,6 +1,8 @@
 """Videos and image folders as sources: times, order, faults, and how much of a camera can be read."""
 
 import itertools
+import threading
+from contextlib import closing
 from fractions import Fraction
 from pathlib import Path
 from unittest.mock import Mock
@@ -13,6 +15,7 @@ from videos import ScriptedSource, remuxed, write_video
 
 from posefuse.core import Frame, Source, SourceError
 from posefuse.formats.video import VideoWriter
+from posefuse.pipeline.time_steps import decoded
 from posefuse.sources import CountedSource, Coverage, FramesAhead, ImagesConfig, VideoConfig, frame_sets, incomplete_cameras
 from posefuse.sources.seeking import Seeker, nearest
 from posefuse.sources.video import recorded_at
@@ -146,6 +149,24 @@ def test_reading_ahead_keeps_order_hands_on_errors_and_stops() -> None:
     assert next(iter(ahead)).seq == 0
     ahead.close()
     assert endless.closed
+
+
+def test_ctrl_c_while_decoding_begins_leaves_no_thread(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Threads of the cameras before stayed, each with its video open, for as long as the program ran."""
+    before, start = set(threading.enumerate()), threading.Thread.start
+
+    def interrupted(thread: threading.Thread) -> None:
+        start(thread)
+        if thread.name == "decode c":
+            raise KeyboardInterrupt
+
+    monkeypatch.setattr(threading.Thread, "start", interrupted)
+    sources = [ScriptedSource(name, range(10_000)) for name in "abcd"]
+    with pytest.raises(KeyboardInterrupt), closing(decoded(sources, 0, 10_000_000, 10**12)) as sets:
+        next(sets)
+    for thread in set(threading.enumerate()) - before:
+        thread.join(5)
+    assert set(threading.enumerate()) <= before
 
 
 # --- jumping about in a recording gives the frames that reading it from the start gives

@@ -9,7 +9,7 @@ from functools import wraps
 from inspect import signature
 from math import isfinite
 from numbers import Integral, Real
-from typing import Any, ParamSpec, TypeVar
+from typing import Any, Literal, ParamSpec, TypeVar, get_args, get_origin
 
 import numpy as np
 
@@ -35,23 +35,33 @@ _EXPECTED: dict[str, tuple[str, Callable[[Any], bool]]] = {
 def checked(function: Callable[P, R]) -> Callable[P, R]:
     """A function that raises InputError, naming the argument, for a value of another kind than its annotation states.
 
-    Annotations are compared as text: flags, numbers, lists of names and mappings of settings, each also with ``| None``.
+    Annotations are compared as text: flags, numbers, lists of names, mappings of settings and names of a `Literal` in the
+    function's module, each also with ``| None``.
     """
     annotations = {name: str(one.annotation) for name, one in signature(function).parameters.items()}
+    module = vars(sys.modules[function.__module__])
 
     @wraps(function)
     def call(*args: P.args, **kwargs: P.kwargs) -> R:
         for name, value in {**dict(zip(annotations, args, strict=False)), **kwargs}.items():
             kind, _, none = annotations.get(name, "").partition(" | ")
-            if kind not in _EXPECTED or none not in ("", "None") or (none and value is None):
+            known = _one_of(module.get(kind)) or _EXPECTED.get(kind)
+            if known is None or none not in ("", "None") or (none and value is None):
                 continue
-            expected, fits = _EXPECTED[kind]
+            expected, fits = known
             if not fits(value):
                 hint = f"; its settings are given as settings={{'{name}.KEY': VALUE}}" if isinstance(value, Mapping) else ""
                 raise InputError(f"{function.__name__}: {name}: expected {expected}, got {value!r}{hint}")
         return function(*args, **kwargs)
 
     return call
+
+
+def _one_of(words: Any) -> tuple[str, Callable[[Any], bool]] | None:
+    """As in `_EXPECTED` for a `Literal`; None for anything else."""
+    if get_origin(words) is not Literal:
+        return None
+    return f"one of {', '.join(get_args(words))}", lambda value: isinstance(value, str) and value in get_args(words)
 
 
 @contextmanager

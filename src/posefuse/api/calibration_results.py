@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -16,7 +15,7 @@ from posefuse.calibration.verify import Verification
 from posefuse.core import CalibrationError, Camera, InputError
 from posefuse.core import Rig as CoreRig
 from posefuse.core.arrays import Array
-from posefuse.core.errors import choices
+from posefuse.core.errors import choices, warn_caller
 from posefuse.formats.rig import read_rig, write_rig
 from posefuse.foundation.output_file import check_output_file, keep_copy, write_text
 from posefuse.foundation.summary import Block, Heading, Table
@@ -245,7 +244,7 @@ def save_clocks(path: Path, names: Sequence[str], clocks: ClockEstimate | None) 
         return None
     if path.exists():
         line = f"{path} exists and is left as it is; add the clock offsets found to it:\n{text}"
-        warnings.warn(line, UserWarning, stacklevel=2)
+        warn_caller(line)
         return None
     write_text(path, text)
     return path
@@ -262,7 +261,7 @@ def _warn_of_old_clocks(path: Path, names: Sequence[str]) -> None:
             f"{path} holds clock offsets of {', '.join(stale)}, but these cameras are synchronised: `posefuse track` would"
             " shift them; remove offset_s and drift_ppm there, or the file"
         )
-        warnings.warn(line, UserWarning, stacklevel=3)
+        warn_caller(line)
 
 
 def saved_clocks(path: Path, rig: CoreRig) -> dict[str, float]:

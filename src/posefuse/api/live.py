@@ -23,7 +23,6 @@ from posefuse.core import (
     LiveStart,
     OutputHealth,
     Pose3D,
-    PosefuseError,
     Progress,
     SourceError,
 )
@@ -67,7 +66,8 @@ class LiveSession(Closing):
         angles: joint angles of the newest pose (T = 1); None before the first.
         cameras: state of every camera by name. outputs: of every output. news: lines that the session has reported, oldest first.
         on_image: takes each image that `show_images` asks for, and the detections in it (None: no person was seen); is called in
-            a thread of the session and must return quickly.
+            a thread of the session and must return quickly. What it raises ends the session, and is raised where poses are
+            waited for.
     """
 
     def __init__(self, plan: LivePlan, progress: Progress | bool | None = None, ros: Mapping[str, Any] | None = None) -> None:
@@ -85,19 +85,21 @@ class LiveSession(Closing):
         self._measured_ns = self._cameras_ns = 0
         self._given_ns: int | None = None
         self._ended = False
-        self._error: PosefuseError | None = None
+        self._error: Exception | None = None
         self._worker: Worker | None = None
 
     def __enter__(self) -> Self:
         """Start the session and wait for its first output tick.
 
         Raises:
-            PosefuseError: what keeps it from beginning, e.g. a camera that cannot be opened.
+            PosefuseError: what keeps it from beginning, e.g. a camera that cannot be opened, or that it has run already.
         """
         from posefuse.realtime.inputs import check_ros_is_used
         from posefuse.realtime.networks import fetch_networks
         from posefuse.realtime.session import serve
 
+        if self._ended or self._worker is not None:
+            raise SourceError("live: a session runs once; make another one with `posefuse.live`")
         if not self.ros_used_elsewhere:
             check_ros_is_used(self.ros, self._plan.inputs, self._plan.outputs)
         # once and here: every camera process would download what is missing for itself
@@ -117,8 +119,10 @@ class LiveSession(Closing):
         """The newest pose, whenever there is one that was not given yet; ends with the session.
 
         Raises:
-            PosefuseError: the session ended for a reason other than its time or its sources.
+            PosefuseError: the session has not begun, or ended for a reason other than its time or its sources.
         """
+        if self._worker is None:
+            raise _not_begun()
         while (message := self._wait(None)) is not None:
             self.angles, self._given_ns = message.joints, message.pose.t_ns
             yield message.pose
@@ -149,7 +153,8 @@ class LiveSession(Closing):
         return self._ended or (self._worker is not None and not self._worker.running)
 
     def check(self) -> None:
-        """Raise PosefuseError where the session ended for a reason other than its time or its sources."""
+        """Raise PosefuseError where the session ended for a reason other than its time or its sources; else what `on_image` or
+        the function of ``progress`` raised."""
         if self._error is not None:
             raise self._error
         if self._worker is not None and self._worker.trouble and not self._ended:
@@ -202,7 +207,7 @@ class LiveSession(Closing):
 
     def _ask(self, request: Request) -> None:
         if self._worker is None:
-            raise SourceError("live: the session has not begun")
+            raise _not_begun()
         self._worker.send(request, _SEND_S)
 
     def close(self) -> None:
@@ -231,33 +236,39 @@ class LiveSession(Closing):
 
     def _hear(self, worker: Worker) -> None:
         """What the session sends, until it is over."""
+        try:
+            with shown(self._progress) as report:
+                while worker.running and not self._ended:
+                    worker.wait(_LOOK_S)
+                    while (message := worker.receive()) is not None:
+                        self._take(message, report)
+        except Exception as error:  # noqa: BLE001 - of the program's own functions; raised where it waits for poses
+            self._ended, self._error = True, error
+
+    def _take(self, message: Any, report: Progress) -> None:
         from posefuse.realtime.session import Ended
 
-        with shown(self._progress) as report:
-            while worker.running and not self._ended:
-                worker.wait(_LOOK_S)
-                while (message := worker.receive()) is not None:
-                    if isinstance(message, str):
-                        self.news.append(message)
-                        # a terminal that was closed
-                        with suppress(OSError, ValueError):
-                            report("live", 0, None, message)
-                    elif isinstance(message, LiveDetections):
-                        self._views[message.detections.camera] = message.detections
-                    elif isinstance(message, LivePreview):
-                        self._show(message)
-                    with self._changed:
-                        if isinstance(message, LivePose):
-                            self._newest = message
-                            self._measured_ns = message.stages_ns.get("exposed", self._measured_ns)
-                        elif isinstance(message, LiveHealth):
-                            self.cameras, self._cameras_ns = message.cameras, message.t_ns
-                            self.outputs = message.outputs
-                        elif isinstance(message, LiveStart):
-                            self._offset_ns = message.clock_offset_ns
-                        elif isinstance(message, Ended):
-                            self._ended, self._error = True, message.error
-                        self._changed.notify_all()
+        if isinstance(message, str):
+            self.news.append(message)
+            # a terminal that was closed
+            with suppress(OSError, ValueError):
+                report("live", 0, None, message)
+        elif isinstance(message, LiveDetections):
+            self._views[message.detections.camera] = message.detections
+        elif isinstance(message, LivePreview):
+            self._show(message)
+        with self._changed:
+            if isinstance(message, LivePose):
+                self._newest = message
+                self._measured_ns = message.stages_ns.get("exposed", self._measured_ns)
+            elif isinstance(message, LiveHealth):
+                self.cameras, self._cameras_ns = message.cameras, message.t_ns
+                self.outputs = message.outputs
+            elif isinstance(message, LiveStart):
+                self._offset_ns = message.clock_offset_ns
+            elif isinstance(message, Ended):
+                self._ended, self._error = True, message.error
+            self._changed.notify_all()
 
     def _show(self, image: LivePreview) -> None:
         view = self._views.get(image.camera)
@@ -265,12 +276,16 @@ class LiveSession(Closing):
             self.on_image(image, view if view is not None and view.t_ns == image.t_ns else None)
 
 
+def _not_begun() -> SourceError:
+    return SourceError("live: the session has not begun; use it as `with posefuse.live(...) as session:`")
+
+
 def live(
     rig: core.Rig | str | Path,
     sources: Mapping[str, str] | Sequence[str],
     *,
     people: int | None = None,
-    networks: str | None = None,
+    networks: str | Path | None = None,
     device: str | int | None = None,
     rate_hz: float | None = None,
     duration_s: float | None = None,

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import math
-import warnings
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
@@ -14,6 +13,7 @@ import numpy as np
 
 from posefuse import __version__, core
 from posefuse.core import ConfigError, InputError, LiveOutputConfig, Progress
+from posefuse.core.errors import warn_caller
 from posefuse.formats.page import Page, Plot, Plots, Spikes, write_page
 from posefuse.formats.rig import rig_warnings
 from posefuse.foundation.output_file import check_first_part, real_path
@@ -63,7 +63,7 @@ def live_plan(
     run = settings_from_mapping({"duration_s": duration_s, "loop_s": stated_s}, RunOptions, where="options")
     cameras = rig_of(rig, placed=True)
     for note in rig_warnings("live" if isinstance(rig, core.Rig) else rig, cameras):
-        warnings.warn(note, UserWarning, stacklevel=3)
+        warn_caller(note)
     chosen = read_changed(None if config is None else Path(config), settings or {}, LiveConfig)
     configs = output_configs(chosen, outputs or {}, {**(ros or {}), **({"axes": axes} if axes else {})})
     check_live_outputs(configs)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import shutil
 import time
-import warnings
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass
@@ -13,6 +12,7 @@ from typing import TYPE_CHECKING, Any, Literal
 
 from posefuse import core
 from posefuse.core import InputError, PosefuseError, Progress, Rig, SourceError
+from posefuse.core.errors import warn_caller
 from posefuse.formats.kept_video import VIDEOS_FOLDER
 from posefuse.formats.rig import write_rig
 from posefuse.foundation.output_folder import check_replaceable, find_unfinished, output_folder, read_mark
@@ -273,7 +273,7 @@ def _report_news(watch: Watched, report: Progress) -> None:
             kind = "".join("#" if c.isdigit() else c for c in one.warning)
             if one.warning and (one.camera, kind) not in known:
                 known.add((one.camera, kind))
-                warnings.warn(f"{one.camera}: {one.warning}", UserWarning, stacklevel=2)
+                warn_caller(f"{one.camera}: {one.warning}")
         seconds = time.monotonic() - begin_s
         if news and round(seconds) % _SAY_EVERY == 0:
             rates = ", ".join(

@@ -156,6 +156,7 @@ class Recording(core.Recording):
             raise InputError(f"no keypoint {name!r}; there are: {core.errors.choices(names)}")
         return np.asarray(self.poses.xyz_world[:, :, names.index(name)])
 
+    @checked
     def joint_angles(self, *, fit: Fit = "points") -> JointAngles:
         """Segment frames and joint angles (ISB) with their standard deviations.
 

@@ -105,7 +105,7 @@ class ImageDetector:
 
 
 def detector(
-    name: str = "blazepose_full", options: Mapping[str, Any] | None = None, device: str | int | None = None
+    name: str | Path = "blazepose_full", options: Mapping[str, Any] | None = None, device: str | int | None = None
 ) -> ImageDetector:
     """The detector of a name: a network (see docs/networks.md) or a plug-in (`posefuse plugins`).
 
@@ -129,7 +129,7 @@ def detector(
     from posefuse.foundation.plugins import list_plugins
 
     names = {plugin.name for plugin in list_plugins("detectors")}
-    plugin, chosen = (name, {}) if name in names else network_plugin(name)
+    plugin, chosen = (str(name), {}) if name in names else network_plugin(str(name))
     chosen |= {} if device is None else {"device": device_word(device)}
     chosen |= options or {}
     choice = DetectorChoice(name=plugin, options=chosen)

@@ -33,7 +33,7 @@ def track(
     *,
     people: int | None = None,
     rig: str | Path | None = None,
-    networks: str | None = None,
+    networks: str | Path | None = None,
     device: str | int | None = None,
     weights: Weights | None = None,
     start_s: float | None = None,
@@ -249,7 +249,7 @@ def _edits(
     check_exclusions(exclude, earlier)
     if edits is None and (edits := read_edits(path)) not in (None, NO_EDITS):
         count = len(edits.exclusions)
-        note(f"{edits_path(path)}: what is marked there is left out (stretches: {count}); `no_edits=True` uses everything")
+        note(f"{edits_path(path)}: what is marked there is left out (stretches: {count}); `edits=Edits()` uses everything")
     base = edits_of(earlier.provenance) if edits is None else edits
     return dataclasses.replace(
         base,
@@ -263,7 +263,7 @@ def batch(
     study: str | Path,
     out: str | Path,
     *,
-    networks: str | None = None,
+    networks: str | Path | None = None,
     device: str | int | None = None,
     formats: Sequence[str] | None = None,
     report: bool = True,

@@ -47,4 +47,16 @@ if TYPE_CHECKING:
     from .values import Detections2D, Region, Views
     from .view_sequences import ViewSequence, views_over_time
 
+# for `mypy --strict` of a program: what an installed package only imports, it does not offer
+__all__ = [
+    "PAPER14", "SE3", "SKELETONS", "AngleSeries", "Array", "CalibrationError", "Camera", "CameraHealth",
+    "CameraTruth", "Closing", "ConfigError", "DependencyError", "DetectionBatch", "Detections2D", "Detector",
+    "DiskFullError", "Frame", "InputError", "JointAngles", "JointCentres", "Kind", "LiveDetections", "LiveExpected",
+    "LiveHealth", "LiveJointCentres", "LiveMessage", "LiveNames", "LiveOutput", "LiveOutputConfig", "LivePose",
+    "LivePreview", "LiveStart", "LookKind", "MessageError", "ModelError", "Observations", "OutputHealth", "Pose3D",
+    "PoseSequence", "PosefuseError", "Progress", "Recording", "Region", "Rig", "ShapeError", "Sink", "Skeleton",
+    "Source", "SourceError", "Truth", "ViewSequence", "Views", "choices", "pick_keypoints", "silent",
+    "views_over_time",
+]  # fmt: skip
+
 __getattr__ = lazy_names(__name__, __file__)

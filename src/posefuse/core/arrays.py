@@ -44,6 +44,17 @@ def take_back(*arrays: Array) -> None:
         array.setflags(write=True)
 
 
+class FrozenArrays:
+    """Base of values whose arrays are `frozen`: those of a copy (`copy.deepcopy`, `pickle`) cannot be written either.
+
+    NumPy makes them writeable again, but what is derived from them is kept and would no longer fit.
+    """
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        give_away(*(one for one in state.values() if type(one) is np.ndarray))
+        self.__dict__.update(state)
+
+
 def _is_frozen(value: Any, dtype: DTypeLike) -> bool:
     if type(value) is not np.ndarray or value.dtype != dtype or not value.flags.c_contiguous:
         return False

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from . import lens
-from .arrays import Array, frozen
+from .arrays import Array, FrozenArrays, frozen
 from .errors import CalibrationError
 from .se3 import SE3
 
@@ -19,7 +19,7 @@ _SAME_RAY_NORM = 1e-4
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class Camera:
+class Camera(FrozenArrays):
     """Intrinsics, lens and pose of one camera. OpenCV optical axes: x right, y down, z forward; pixel centres at integers.
 
     Attributes:

@@ -4,7 +4,10 @@ A `PosefuseError` is a known fault of the input or the machine: the command line
 Anything else that escapes is a bug: the command line prints a trace and exits 2.
 """
 
+import sys
+import warnings
 from collections.abc import Iterable
+from types import FrameType
 
 _LONGEST_LINE = 2000
 
@@ -52,6 +55,20 @@ class DependencyError(PosefuseError):
 
 class ShapeError(PosefuseError, ValueError):
     """An array whose shape or type does not fit the value it was given to."""
+
+
+def warn_caller(line: str) -> None:
+    """A `UserWarning` about what does not stop the work, at the program's line that called posefuse.
+
+    Each time: Python shows the same words from the same line once, but they may be about another recording.
+    """
+    caller = sys._getframe(1)
+    frame: FrameType | None = caller
+    while frame is not None:
+        if str(frame.f_globals.get("__name__")).partition(".")[0].startswith("posefuse"):
+            caller = frame.f_back or frame
+        frame = frame.f_back
+    warnings.warn_explicit(line, UserWarning, caller.f_code.co_filename, caller.f_lineno, module=caller.f_globals.get("__name__"))
 
 
 def choices(names: Iterable[str]) -> str:

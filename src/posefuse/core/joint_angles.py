@@ -4,17 +4,18 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from types import MappingProxyType
+from typing import Self
 
 import numpy as np
 
-from .arrays import Array, frozen_fields, taken
+from .arrays import Array, FrozenArrays, frozen_fields, taken
 from .errors import InputError, ShapeError, choices
 from .se3 import SE3
 from .skeleton import SIDES
 
 
 @dataclass(frozen=True, eq=False, kw_only=True, repr=False)
-class AngleSeries:
+class AngleSeries(FrozenArrays):
     """One joint angle of one person over time.
 
     Attributes:
@@ -52,7 +53,7 @@ class AngleSeries:
 
 
 @dataclass(frozen=True, eq=False, repr=False, kw_only=True)
-class JointAngles:
+class JointAngles(FrozenArrays):
     """Segment poses and joint angles over time; ``angles["left_knee", "flexion"]`` is one of them.
 
     Attributes:
@@ -137,7 +138,7 @@ class JointAngles:
         found = self[joint, angle]
         return replace(found, name=name, rad=sign * found.rad)
 
-    def of(self, person_id: int) -> JointAngles:
+    def of(self, person_id: int) -> Self:
         """The angles of one person; raises InputError for an id that is not there."""
         place = np.flatnonzero(self.person_id == person_id)
         if len(place) != 1:

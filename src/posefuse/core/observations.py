@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import DTypeLike
 
-from .arrays import Array, frozen_fields, taken
+from .arrays import Array, FrozenArrays, frozen, frozen_fields, give_away, taken
 from .depth import joined_depth
 from .errors import ShapeError, choices
 from .skeleton import Skeleton
@@ -65,7 +65,7 @@ OBSERVATION_ARRAYS = tuple(_AXES)
 
 
 @dataclass(frozen=True, eq=False, kw_only=True, repr=False)
-class Observations:
+class Observations(FrozenArrays):
     """Every detection of every camera at its own exposure time; nothing is resampled and nothing is thrown away.
 
     Two tables, F frames and R detections; the detections of one frame follow each other. A frame that the detector looked
@@ -150,12 +150,14 @@ class Observations:
     @cached_property
     def frame_begin(self) -> Array:
         """(F + 1,) the first detection of each frame, and the number of all."""
-        return np.concatenate([[0], np.cumsum(self.n_detections, dtype=np.int64)])
+        return frozen(np.concatenate([[0], np.cumsum(self.n_detections, dtype=np.int64)]), np.int64, "frame_begin")
 
     @cached_property
     def detection_frame(self) -> Array:
         """(R,) the frame of each detection."""
-        return np.repeat(np.arange(len(self.n_detections)), self.n_detections)
+        frame = np.repeat(np.arange(len(self.n_detections)), self.n_detections)
+        give_away(frame)
+        return frame
 
     def detections(self, i: int, rows: Array | None = None) -> Detections2D:
         """Row i of the frame table: all that one look found in one frame, or these rows of the detection table instead."""

@@ -9,7 +9,7 @@ from enum import IntEnum
 import numpy as np
 from numpy.typing import DTypeLike
 
-from .arrays import Array, frozen_fields, give_away, taken
+from .arrays import Array, FrozenArrays, frozen_fields, give_away, taken
 from .errors import InputError, ShapeError
 from .skeleton import Skeleton
 from .values import check_keypoints
@@ -26,7 +26,7 @@ class Kind(IntEnum):
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class Pose3D:
+class Pose3D(FrozenArrays):
     """People in 3D at one time step.
 
     Attributes:
@@ -92,7 +92,7 @@ _PLANES = tuple(name for name in _POSE_AXES if name != "person_id")
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class PoseSequence:
+class PoseSequence(FrozenArrays):
     """People in 3D over time: `Pose3D` with an axis T in front, person_id excepted.
 
     Attributes:

@@ -101,11 +101,11 @@ class Rig:
         """The rig of these cameras, in this order; raises CalibrationError for a name that is not there."""
         return replace(self, cameras=tuple(self[name] for name in names))
 
-    def renamed(self, names: Mapping[str, str]) -> Rig:
+    def renamed(self, names: Mapping[str, str]) -> Self:
         """The rig with cameras renamed old -> new; those not mentioned keep their name."""
         return replace(self, cameras=tuple(replace(c, name=names.get(c.name, c.name)) for c in self.cameras))
 
-    def moved(self, new_from_old: SE3) -> Rig:
+    def moved(self, new_from_old: SE3) -> Self:
         """The same cameras described in another world frame."""
         back = new_from_old.inverse()
         return replace(self, cameras=tuple(replace(c, cam_from_world=c.cam_from_world @ back) for c in self.cameras))

@@ -8,7 +8,7 @@ from typing import Any, overload
 
 import numpy as np
 
-from .arrays import Array, frozen
+from .arrays import Array, FrozenArrays, frozen
 from .errors import ShapeError
 
 _SMALL_ANGLE_RAD = 1e-8
@@ -18,7 +18,7 @@ _LARGEST = 1e100
 
 
 @dataclass(frozen=True, eq=False)
-class SE3:
+class SE3(FrozenArrays):
     """Rotation and translation, one or many.
 
     Attributes:

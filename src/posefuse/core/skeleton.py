@@ -9,7 +9,7 @@ from typing import Any, Literal, NamedTuple
 
 import numpy as np
 
-from .arrays import Array
+from .arrays import Array, frozen
 from .errors import ConfigError, choices
 
 SIDES: tuple[Literal["left"], Literal["right"]] = ("left", "right")
@@ -79,9 +79,8 @@ class Skeleton:
     @cached_property
     def mirror(self) -> Array:
         """(K,) index of each keypoint's left/right counterpart (itself on the midline)."""
-        return np.array(
-            [self.index(other) if (other := mirror_name(k)) in self.keypoints else i for i, k in enumerate(self.keypoints)]
-        )
+        places = [self.index(other) if (other := mirror_name(k)) in self.keypoints else i for i, k in enumerate(self.keypoints)]
+        return frozen(places, np.intp, "mirror")
 
     @cached_property
     def limbs(self) -> tuple[tuple[Array, Array], ...]:
@@ -90,13 +89,14 @@ class Skeleton:
         for parts in _LIMB_PARTS:
             left = [i for i, k in enumerate(self.keypoints) if k.startswith("left_") and k[5:].rstrip("0123456789") in parts]
             if left:
-                pairs.append((np.array(left), self.mirror[left]))
+                pairs.append((frozen(left, np.intp, "limbs"), frozen(self.mirror[left], np.intp, "limbs")))
         return tuple(pairs)
 
     @cached_property
     def bone_indices(self) -> Array:
         """(B, 2) keypoint indices of the bones."""
-        return np.array([[self.index(a), self.index(b)] for a, b in self.bones], dtype=np.intp).reshape(-1, 2)
+        places = [[self.index(a), self.index(b)] for a, b in self.bones]
+        return frozen(np.reshape(places, (-1, 2)), np.intp, "bone_indices")
 
 
 def _known(name: str) -> Skeleton:

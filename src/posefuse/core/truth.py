@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from .arrays import Array, frozen_fields
+from .arrays import Array, FrozenArrays, frozen_fields
 from .errors import ShapeError
 from .joint_angles import JointAngles
 from .rig import Rig
@@ -15,7 +15,7 @@ from .values import check_keypoints
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class CameraTruth:
+class CameraTruth(FrozenArrays):
     """What one camera would have seen exactly, at its own frame times.
 
     Attributes:
@@ -34,7 +34,7 @@ class CameraTruth:
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class Truth:
+class Truth(FrozenArrays):
     """A scene known exactly.
 
     Attributes:

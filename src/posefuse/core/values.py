@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import DTypeLike
 
-from .arrays import Array, freeze_fields, frozen_fields, taken
+from .arrays import Array, FrozenArrays, freeze_fields, frozen_fields, taken
 from .errors import ShapeError
 from .skeleton import Skeleton
 
@@ -77,7 +77,7 @@ def keypoint_boxes(xy_img: Array, score: Array) -> Array:
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class Region:
+class Region(FrozenArrays):
     """A square of the image, possibly turned, in which one person is expected.
 
     Attributes:
@@ -99,7 +99,7 @@ class Region:
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class Detections2D:
+class Detections2D(FrozenArrays):
     """All people that one camera saw at one time step.
 
     Attributes:
@@ -167,7 +167,7 @@ class Detections2D:
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class Views:
+class Views(FrozenArrays):
     """The same people in every camera, at one time step.
 
     Attributes:

@@ -8,7 +8,7 @@ from typing import Protocol
 
 import numpy as np
 
-from .arrays import Array, give_away, taken
+from .arrays import Array, FrozenArrays, give_away, taken
 from .observations import LIVE_STEP, NOT_KEPT, Observations
 from .skeleton import Skeleton, swap_sides
 from .values import VIEW_ARRAYS, Views, check_views, unseen_planes
@@ -25,7 +25,7 @@ _PLANES = ("xy_img", "score", "sigma_px", "depth_m")
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class ViewSequence:
+class ViewSequence(FrozenArrays):
     """The same people in every camera, over time: `Views` with an axis T in front, person_id excepted.
 
     Attributes:

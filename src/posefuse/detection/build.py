@@ -136,12 +136,12 @@ def device_word(device: str | int) -> str:
     return f"cuda:{device}" if isinstance(device, int) else device
 
 
-def network_settings(network: str | None, device: str | int | None = None) -> dict[str, str]:
+def network_settings(network: str | Path | None, device: str | int | None = None) -> dict[str, str]:
     """A network and its device as settings by dotted key; None: not chosen.
 
     A network of the default detector leaves it to the user which detector that is.
     """
-    plugin, options = network_plugin(network) if network else (DetectorChoice().name, {})
+    plugin, options = network_plugin(str(network)) if network else (DetectorChoice().name, {})
     if device is not None:
         options["device"] = device_word(device)
     chosen = {} if plugin == DetectorChoice().name else {"detector.name": plugin}

@@ -5,6 +5,7 @@ OpenVINO is imported without its telemetry.
 
 from __future__ import annotations
 
+import os
 import sys
 from collections.abc import Sequence
 from functools import cache
@@ -36,9 +37,23 @@ def openvino_package() -> Any:
 
 
 @cache
+def _core_and_process() -> tuple[Any, int]:
+    return openvino_package().Core(), os.getpid()
+
+
 def openvino_core() -> Any:
-    """The one `openvino.Core` of this process."""
-    return openvino_package().Core()
+    """The one `openvino.Core` of this process.
+
+    Raises:
+        ModelError: the process was forked from one that has it already: OpenVINO would wait for threads that only that one has.
+    """
+    core, process = _core_and_process()
+    if process != os.getpid():
+        raise ModelError(
+            "networks do not run in a process that was forked from one that has used them; start processes with the method spawn,"
+            " e.g. multiprocessing.get_context('spawn')"
+        )
+    return core
 
 
 def compiled_by_openvino(model: Any, device: Device, precision: Precision, streams: int) -> Any:
@@ -118,6 +133,8 @@ class BlazePoseNetwork:
 
         Each crop is asked for while other threads work on those before it.
         """
+        # a detector that was made before the process was forked is refused, too
+        openvino_core()
         if self._alone and len(crops) == 1:
             self._start(0, crops[0])
             # heatmaps are large, and little of them is looked at: not copied
@@ -242,6 +259,7 @@ class OpenVinoRunner:
 
     def run(self, inputs: Sequence[Array]) -> list[list[Array]]:
         """The outputs for each input (1, 3, H, W) float32."""
+        openvino_core()
         results: list[list[Array]] = [[] for _ in inputs]
         for one, result in zip(inputs, results, strict=True):
             self._queue.start_async({0: one}, userdata=result)

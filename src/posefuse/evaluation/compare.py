@@ -352,6 +352,9 @@ def _speed_costs(a: Tracks, b: Tracks) -> tuple[Array, Array]:
     from scipy.signal import correlate, correlation_lags
 
     times = [np.arange(one.t_s[0], one.t_s[-1], 1 / _SPEED_HZ) for one in (a, b)]
+    # of a single time step there is no speed
+    if not all(map(len, times)):
+        return np.zeros(0), np.zeros(0)
     lags = correlation_lags(*map(len, times))
     apart, pairs = np.zeros((2, len(lags)))
     for point in a.points:

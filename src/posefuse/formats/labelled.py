@@ -79,7 +79,7 @@ def _time_and_person(t_ns: Array, person_id: Array) -> dict[str, Any]:
 
 
 def _angle_variables(angles: JointAngles) -> dict[str, Any]:
-    dims, shape = ("time", "person", "angle"), (len(angles), len(angles.person_id), -1)
+    dims, shape = ("time", "person", "angle"), (len(angles), len(angles.person_id), 3 * len(angles.joints))
     return {
         "joint_angle": (dims, angles.angle_rad.reshape(shape), {"units": "rad", "long_name": "joint angle"}),
         "joint_angle_sigma": (dims, angles.sigma_rad.reshape(shape), {"units": "rad", "long_name": "its standard deviation"}),

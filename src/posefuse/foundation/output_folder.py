@@ -10,13 +10,13 @@ import dataclasses
 import hashlib
 import json
 import shutil
-import warnings
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, nullcontext, suppress
 from pathlib import Path
 
 from posefuse import __version__
 from posefuse.core import DiskFullError, InputError
+from posefuse.core.errors import warn_caller
 
 from .output_file import (
     check_outside_inputs,
@@ -132,7 +132,7 @@ def output_folder(
     if not keep_unfinished:
         for left in find_unfinished(path):
             line = f"{left}: was left by an earlier run that could not be finished; delete it when it is not needed any more"
-            warnings.warn(line, UserWarning, stacklevel=3)
+            warn_caller(line)
     made = _make_parents(path, target)
     staging = unfinished
     try:
@@ -300,7 +300,7 @@ def _finish(path: Path, staging: Path, target: Path, command: str, replace: bool
         reason = error.strerror if isinstance(error, OSError) else error
         raise InputError(f"{path}: the results are complete in {staging} but cannot be moved there ({reason})") from None
     if aside is not None:
-        warnings.warn(f"the earlier results are kept in {aside}", UserWarning, stacklevel=4)
+        warn_caller(f"the earlier results are kept in {aside}")
 
 
 def _swap(staging: Path, target: Path) -> Path | None:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import warnings
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 
@@ -20,7 +19,7 @@ from posefuse.core import (
     Skeleton,
     SourceError,
 )
-from posefuse.core.errors import choices
+from posefuse.core.errors import choices, warn_caller
 from posefuse.detection import default_cards
 from posefuse.detection.build import build_detector
 from posefuse.formats.image_folders import TIMES_FILE
@@ -104,7 +103,7 @@ def _images(session: Session, config: TrackConfig) -> Opened:
         expected = f"{session.folder}: expected at least {LEAST_CAMERAS} cameras that can be read, got {len(sources)}"
         raise SourceError("; ".join([expected, *failed.values()]))
     for camera, why in failed.items():
-        _warn(f"{why}; continues without camera {camera}")
+        warn_caller(f"{why}; continues without camera {camera}")
     rig = dataclasses.replace(session.rig, cameras=tuple(cameras))
     timeline = common_timeline({one.camera: one.times_ns() for one in sources}, config.rate_hz, config.start_s, config.end_s)
     detector = build_detector(config.detector, rig)
@@ -122,11 +121,7 @@ def _images(session: Session, config: TrackConfig) -> Opened:
 
 
 def _lost(camera: str, error: SourceError) -> None:
-    _warn(f"{error}; continues without camera {camera} from here")
-
-
-def _warn(line: str) -> None:
-    warnings.warn(line, UserWarning, stacklevel=2)
+    warn_caller(f"{error}; continues without camera {camera} from here")
 
 
 def _check_rate(session: Session, config: TrackConfig) -> None:

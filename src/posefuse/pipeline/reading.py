@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Callable
 from pathlib import Path
 from typing import Protocol
 
 from posefuse.core import InputError, Recording
 from posefuse.core.arrays import Array
+from posefuse.core.errors import warn_caller
 from posefuse.formats.recording import ABOUT_FILE, RECORDING_FILES, read_recording
 from posefuse.foundation.output_file import parts_of
 from posefuse.foundation.plugins import from_package
@@ -55,7 +55,7 @@ def read_result(
     """Read a result folder of `posefuse track`, or the .mcap file of a live session with its later parts.
 
     Args:
-        warn: is given one line about what is missing of a recording that was cut off; `warnings.warn` where none is given.
+        warn: is given one line about what is missing of a recording that was cut off; a `UserWarning` where none is given.
         start_s, end_s: of a live session, this part alone is decoded (and a little on both sides).
         observed: False: a result folder is read without the detections that it was made from.
 
@@ -65,7 +65,7 @@ def read_result(
     """
     path = Path(path)
     if is_live(path):
-        return live_reader().read(path, warn or _warn, start_s=start_s, end_s=end_s)
+        return live_reader().read(path, warn or warn_caller, start_s=start_s, end_s=end_s)
     if not path.exists():
         raise InputError(f"{path}: no such file or folder")
     if path.is_file():
@@ -78,7 +78,3 @@ def files_of_result(path: Path) -> list[Path]:
     if is_live(path):
         return parts_of(path)
     return [path / name for name in RECORDING_FILES]
-
-
-def _warn(line: str) -> None:
-    warnings.warn(line, stacklevel=4)

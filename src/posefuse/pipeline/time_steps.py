@@ -195,8 +195,10 @@ def decoded(
     Args:
         on_lost: called for a camera that breaks off; None: its SourceError is raised.
     """
-    streams = {source.camera: FramesAhead(source) for source in sources}
+    streams: dict[str, FramesAhead] = {}
     try:
+        for source in sources:
+            streams[source.camera] = FramesAhead(source)
         yield from frame_sets(streams, start_ns, period_ns, end_ns, on_lost=on_lost)
     finally:
         for stream in streams.values():

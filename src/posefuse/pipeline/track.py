@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import dataclasses
 import itertools
-import warnings
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import closing
 from pathlib import Path
@@ -29,7 +28,7 @@ from posefuse.core import (
     silent,
 )
 from posefuse.core.duplicates import duplicates
-from posefuse.core.errors import choices
+from posefuse.core.errors import choices, warn_caller
 from posefuse.core.observations import NOT_KEPT
 from posefuse.core.protocols import NOISE_NOT_FITTED
 from posefuse.core.view_sequences import people_in, views_over_time
@@ -96,7 +95,7 @@ def track_session(
     if out is not None:
         out.check(session, config)
     for line in session.notes:
-        _warn(line)
+        warn_caller(line)
     progress("detect", 0, None, f"{len(session.inputs)} cameras from {session.rig_path} ({kind})")
     if kind != "pose2d":
         fetch_networks(config.detector, progress)
@@ -114,7 +113,9 @@ def track_session(
             recording = tracked.recording
             if tracked.interrupted:
                 steps = len(recording.poses)
-                _warn(f"stopped early; the first {steps} time steps are finished and kept; `resume=True` continues from them")
+                warn_caller(
+                    f"stopped early; the first {steps} time steps are finished and kept; `resume=True` continues from them"
+                )
             check_space(folder.folder, estimated_result_bytes(opened, len(recording.poses.person_id)))
             with clock.stage("write"):
                 files, failed = write_result(recording, session, sinks, folder, progress)
@@ -141,7 +142,7 @@ def _tracked(
     # decoded frames are not needed any more, and an hour to be solved takes much memory
     opened.close()
     for line in incomplete:
-        _warn(line)
+        warn_caller(line)
     try:
         _check_people(observations)
         with clock.stage("smooth"):
@@ -154,11 +155,11 @@ def _tracked(
     for line in _notes(recording, opened.config):
         progress("detect", 0, None, line)
     if doubt := size_doubt(recording.poses.skeleton, recording.poses.xyz_world):
-        _warn(f"{session.rig_path.name}: {doubt}")
+        warn_caller(f"{session.rig_path.name}: {doubt}")
     with clock.stage("watch"):
         cameras, findings = checked_rig(recording, opened.rig)
     for line in (lines := [finding_line(one, session.folder) for one in findings]):
-        _warn(line)
+        warn_caller(line)
     about = {**recording.provenance, **rig_facts(cameras, moved, lines)}
     return Tracked(recording=dataclasses.replace(recording, provenance=about), interrupted=interrupted, clock=clock)
 
@@ -197,7 +198,7 @@ def _moved_cameras(opened: Opened, clock: StageClock, progress: Progress) -> lis
         for one in background.moved
     ]
     for one in moved:
-        _warn(one["warning"])
+        warn_caller(one["warning"])
     for line in background.lines:
         progress("detect", 0, None, line)
     if unknown := opened.network.get("unknown"):
@@ -283,7 +284,7 @@ def _check_people(observations: Observations) -> None:
     agreed = [int((followed & (cameras == c)).sum()) for c in range(len(names))]
     empty = [name for name, frames in zip(names, seen, strict=True) if not frames]
     for name in empty:
-        _warn(f"camera {name}: no person found in {steps} of {steps} frames")
+        warn_caller(f"camera {name}: no person found in {steps} of {steps} frames")
     least = 1 if observations.depth_m is not None else LEAST_CAMERAS
     if len(names) - len(empty) < least:
         raise InputError(
@@ -346,7 +347,3 @@ def refined_line(about: Mapping[str, Any]) -> str:
         f"extrinsics refined from the people: keypoints are {about['before_px']:.2f} -> {about['after_px']:.2f} px off;"
         f" {worst} changed most, by {moved_mm:.1f} mm and {turned_deg:.2f} deg"
     )
-
-
-def _warn(line: str) -> None:
-    warnings.warn(line, UserWarning, stacklevel=2)

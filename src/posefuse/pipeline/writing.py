@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import closing
 from pathlib import Path
@@ -11,6 +10,7 @@ from typing import Any, Literal, Protocol, runtime_checkable
 import numpy as np
 
 from posefuse.core import ConfigError, Frame, InputError, PosefuseError, Progress, Recording, Sink, Skeleton, SourceError, silent
+from posefuse.core.errors import warn_caller
 from posefuse.evaluation.biomechanics import BiomechanicsSettings, write_biomechanics
 from posefuse.evaluation.report import TITLE
 from posefuse.formats.recording import write_recording
@@ -159,7 +159,7 @@ def write_result(
 def warn_of_failures(failed: Mapping[str, str]) -> None:
     """One `UserWarning` for each output that was not written."""
     for name, reason in failed.items():
-        warnings.warn(f"output {name}: not written ({reason})", UserWarning, stacklevel=3)
+        warn_caller(f"output {name}: not written ({reason})")
 
 
 def export_recording(

@@ -102,10 +102,14 @@ def _runs_elsewhere(choice: DetectorChoice) -> bool:
 def _costs(choice: DetectorChoice, names: Sequence[str] | None, cameras: int) -> list[NetworkCost]:
     # in a separate process, which frees its memory at the end
     worker = Worker(_measure)
-    worker.start(choice, names, cameras)
-    worker.wait(_MEASURED_S)
-    costs, trouble = worker.receive(), worker.trouble
-    worker.end(_END_S)
+    costs = None
+    try:
+        worker.start(choice, names, cameras)
+        worker.wait(_MEASURED_S)
+        costs, trouble = worker.receive(), worker.trouble
+    finally:
+        # one that still measures after Ctrl-C is not waited for
+        worker.end(0.0 if costs is None else _END_S)
     if isinstance(costs, PosefuseError):
         raise costs
     if costs is None:

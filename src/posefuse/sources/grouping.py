@@ -98,7 +98,12 @@ class FramesAhead:
         self._queue: queue.Queue[Any] = queue.Queue(maxsize=depth)
         self._stop = threading.Event()
         self._thread = threading.Thread(target=self._fill, name=f"decode {source.camera}", daemon=True)
-        self._thread.start()
+        try:
+            self._thread.start()
+        except BaseException:
+            # Ctrl-C while it waits for the thread, which no one could close any more
+            self._stop.set()
+            raise
 
     def __iter__(self) -> Iterator[Frame]:
         while not self._stop.is_set():

@@ -9,7 +9,6 @@ import contextlib
 import os
 import struct
 import time
-import warnings
 from collections.abc import Callable, Collection, Iterator, Mapping
 from pathlib import Path
 from typing import IO, Any, NamedTuple
@@ -18,7 +17,7 @@ import numpy as np
 
 from posefuse.core import SE3, Closing, Detections2D, InputError, MessageError, Pose3D, Rig, SourceError
 from posefuse.core.arrays import Array
-from posefuse.core.errors import choices
+from posefuse.core.errors import choices, warn_caller
 
 from . import topics
 from .camera_messages import CAMERA_INFO_TYPE, camera_from_info
@@ -121,7 +120,7 @@ _CHUNK_BYTES = 2**18
 _LOOK_S = 1.0
 _NOTES = "posefuse_live"
 Warn = Callable[[str], None]
-"""Takes the one line about what is missing of a recording that was cut off; `warnings.warn` where none is given."""
+"""Takes the one line about what is missing of a recording that was cut off; a `UserWarning` where none is given."""
 
 
 class Recorder(Closing):
@@ -246,7 +245,7 @@ def read_mcap(
     schemas: dict[int, Any] = {}
     channels: dict[int, Any] = {}
     checked: set[int] = set()
-    for kind, record in mcap_records(path, warn or _warn):
+    for kind, record in mcap_records(path, warn or warn_caller):
         if kind == "Schema":
             schemas[record.id] = record
         elif kind == "Channel":
@@ -275,10 +274,6 @@ def read_notes(path: Path) -> dict[str, str]:
         if kind == "Message":
             break
     return {}
-
-
-def _warn(line: str) -> None:
-    warnings.warn(line, stacklevel=4)
 
 
 def read_detections(path: Path, warn: Warn | None = None) -> Iterator[tuple[Detections2D, dict[str, int]]]:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import math
-import warnings
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
@@ -30,7 +29,7 @@ from posefuse.core import (
     SourceError,
 )
 from posefuse.core.arrays import Array
-from posefuse.core.errors import choices
+from posefuse.core.errors import choices, warn_caller
 from posefuse.core.observations import NOT_KEPT, observations_from_frames
 from posefuse.core.recording import person_name
 from posefuse.detection.build import DetectorChoice
@@ -149,7 +148,7 @@ def read(path: Path, warn: Warn | None = None, *, start_s: float | None = None, 
     result; its observations are what each camera saw of the people at the time steps.
 
     Args:
-        path: the first part. warn: is given one line for each part that was cut off or is damaged; `warnings.warn`
+        path: the first part. warn: is given one line for each part that was cut off or is damaged; a `UserWarning`
             where none is given.
         start_s, end_s: a part of the session in seconds from its first output tick; the rest is not decoded.
 
@@ -158,7 +157,7 @@ def read(path: Path, warn: Warn | None = None, *, start_s: float | None = None, 
         InputError: it holds no pose, or parts of different sessions.
         MessageError: a message that is malformed.
     """
-    say = warn or (lambda line: warnings.warn(line, stacklevel=3))
+    say = warn or warn_caller
     notes = read_notes(path)
     parts, made = _parts(path, notes), _stated_provenance(path, notes)
     content = _Content(stated_ns=made.get("start_ns"))

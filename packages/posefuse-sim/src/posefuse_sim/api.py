@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import warnings
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from posefuse.api.arguments import shown
 from posefuse.core import Progress
+from posefuse.core.errors import warn_caller
 
 if TYPE_CHECKING:
     from posefuse_sim import Scene
@@ -57,7 +57,7 @@ def simulate(
     except KeyboardInterrupt:
         if find_unfinished(place):
             line = f"{place}: what was rendered is kept; the same command continues where it stopped"
-            warnings.warn(line, UserWarning, stacklevel=2)
+            warn_caller(line)
         raise
 
 

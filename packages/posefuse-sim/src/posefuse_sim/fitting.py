@@ -7,7 +7,6 @@ constants along directions of the body itself, and slopes on the segment lengths
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -22,6 +21,7 @@ from scipy.spatial.transform import Rotation
 from posefuse.api.arguments import lines_of
 from posefuse.core import Frame, InputError, JointCentres, PoseSequence, Progress, Region, Skeleton, Truth
 from posefuse.core.arrays import Array
+from posefuse.core.errors import warn_caller
 from posefuse.core.joint_centres import SEGMENT_ENDS
 from posefuse.core.skeleton import SIDES, mirror_name, pick_keypoints
 from posefuse.detection import region_from_keypoints
@@ -511,11 +511,11 @@ def _joint_centres(
         try:
             runs.append(_tracked(folder, choice))
         except InputError as error:
-            warnings.warn(f"{folder.name}: left out ({error})", UserWarning, stacklevel=2)
+            warn_caller(f"{folder.name}: left out ({error})")
         progress("joint centres", i + 1, len(folders))
     if len(runs) < _LEAST_RUNS:
         line = f"joint centres: the person was tracked in {len(runs)} scenes; expected at least {_LEAST_RUNS}; not fitted"
-        warnings.warn(line, UserWarning, stacklevel=2)
+        warn_caller(line)
         return None
     path = Path(card_file.with_suffix(".joint_centres.toml"))
     write_text(path, joint_centres_text(fit_joint_centres(runs, f"{card.name}, fitted to {len(runs)} simulated bodies")))

@@ -17,7 +17,6 @@ from __future__ import annotations
 
 import dataclasses
 import shutil
-import warnings
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
@@ -26,6 +25,7 @@ import numpy as np
 
 from posefuse.core import InputError
 from posefuse.core.arrays import Array
+from posefuse.core.errors import warn_caller
 from posefuse.formats.image_folders import write_frame_times
 from posefuse.formats.npz import read_arrays, write_arrays
 from posefuse.formats.rig import write_rig
@@ -103,7 +103,7 @@ def _unfinished(out: Path, scene: Scene) -> Path | None:
             same = folder
         else:
             line = f"{folder}: is an unfinished session of another scene; delete it when it is not needed any more"
-            warnings.warn(line, UserWarning, stacklevel=3)
+            warn_caller(line)
     return same
 
 

@@ -17,6 +17,7 @@ from typing import Any
 
 from posefuse import __version__
 from posefuse.core import InputError, PosefuseError, Recording
+from posefuse.core.errors import warn_caller
 from posefuse.foundation.parsing import plain
 from posefuse.pipeline.config import CONFIG_FILE, TrackConfig, read_config
 from posefuse.pipeline.reading import is_result
@@ -223,4 +224,4 @@ def _write_report(recording: Recording, task: Task) -> None:
     try:
         write_report_folder(recording, task.out, report_folder(task.out), title=task.trial.name)
     except InputError as error:
-        warnings.warn(f"no report: {error}", UserWarning, stacklevel=2)
+        warn_caller(f"no report: {error}")
