@@ -243,7 +243,7 @@ class Tracker:
             if len(self._people) >= self._model.settings.max_people:
                 if self._model.settings.max_people == 1 or not stale:
                     return
-                # one camera alone may have put this track where nobody is; cameras agree on the newcomer
+                # one camera alone may have led this track away from its person; several agree on the newcomer
                 self._people.remove(min(stale.values(), key=lambda person: person.crossed_ns))
             number = self._next_id
             # with one person a later track is the same person; with several it may be any of them
