@@ -273,6 +273,25 @@ def test_who_is_seen_once_by_two_synchronised_cameras_is_found_whichever_camera_
     assert len(tracker.at(round(7 / 30 * 1e9)).person_id) == 2
 
 
+@pytest.mark.parametrize("blind", [False, True])
+def test_who_several_cameras_see_takes_the_place_of_a_track_that_none_or_one_alone_sees(world, detections_of, blind):
+    w = world(5, "stand")
+    was, moved = w.place(0) + (0.0, 1.5, 0.0), w.place(0) + (0.0, -1.5, 0.0)
+
+    def view(c, t_s):
+        camera = w.rig.cameras[c]
+        # from half a second on camera 0 goes on seeing a body where the others see none, or sees nobody
+        other = was if t_s < 0.5 or c == 0 else moved
+        people = [w.place(0)] if c == 0 and blind and t_s >= 0.5 else [w.place(0), other]
+        return detections_of(camera.name, t_s, *(camera.project(xyz) for xyz in people))
+
+    tracker = w.fed([view(c, (i + c / 5) / 30) for i in range(30) for c in range(5)], max_people=2)
+    pose = tracker.at(10**9)
+    nearest = [np.linalg.norm(pose.xyz_world - xyz, axis=-1).mean(axis=-1).min() for xyz in (w.place(0), moved)]
+    assert len(pose.person_id) == 2
+    assert max(nearest) < 0.05
+
+
 def test_bent_lenses_are_undone(world):
     w = world(distortion=(-0.25, 0.08, 0.001, -0.002, 0.0))
     _, poses = run(w, w.views(2.0), 2.0)

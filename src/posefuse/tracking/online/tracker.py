@@ -32,7 +32,7 @@ _TOLERANCE_M, _CLAIMED_SHARE = 0.2, 0.4
 _BIRTH_WINDOW_NS, _BIRTH_EVERY_NS = 120_000_000, 50_000_000
 # chosen, not fitted: at 30 frames/s the first of the views waits for the others without being replaced by its next one
 _BIRTH_WAIT_NS = 20_000_000
-# who was not measured for so long may be found again within this distance
+# who was not measured by two cameras (or one with depth) for so long may be found again within this distance
 _STALE_NS, _FOUND_AGAIN_M = 200_000_000, 1.0
 _SAME_PERSON_M = 0.3
 # chosen, not fitted: least keypoints of a newcomer, and least share of the skeleton; from 17 keypoints on the share asks for more
@@ -204,7 +204,7 @@ class Tracker:
     def _look_for_newcomers(self) -> None:
         newest_ns = self._admission.newest_ns
         assert newest_ns is not None
-        fresh = [person for person in self._people if newest_ns - person.measured_ns <= _STALE_NS]
+        fresh = [person for person in self._people if newest_ns - person.crossed_ns <= _STALE_NS]
         views = {name: one for name, one in self._unclaimed.items() if newest_ns - one.t_ns <= _BIRTH_WINDOW_NS}
         enough = len(views) > 1 or any(one.depth_m is not None for one in views.values())
         if len(fresh) >= self._model.settings.max_people or not enough:
@@ -241,7 +241,10 @@ class Tracker:
             number = stale[near_m].id
         else:
             if len(self._people) >= self._model.settings.max_people:
-                return
+                if self._model.settings.max_people == 1 or not stale:
+                    return
+                # one camera alone may have led this track away from its person; several agree on the newcomer
+                self._people.remove(min(stale.values(), key=lambda person: person.crossed_ns))
             number = self._next_id
             # with one person a later track is the same person; with several it may be any of them
             self._next_id += self._model.settings.max_people > 1
