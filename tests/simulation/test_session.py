@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 import yaml
 from checks import refusal
+from running import printed
 from scenes import scene
 
 from posefuse.core import SE3, InputError, SourceError
@@ -231,6 +232,14 @@ def test_image_folders_are_read_with_their_times(tmp_path, backend):
     stamps = read_arrays(paths.shots)["stamp1_ns"]
     np.testing.assert_allclose([frame.t_ns for frame in frames], stamps, atol=1)
     assert frames[0].size_wh == (160, 120)
+
+
+def test_a_program_without_a_main_guard_simulates(tmp_path, backend):
+    """Its processes ran the whole program again, which failed in each of them, and it waited for them without end."""
+    (tmp_path / "scene.yaml").write_text(yaml.safe_dump({**_CONTENT, "cameras": _ONE_CAMERA, "duration_s": 0.2}))
+    (tmp_path / "program.py").write_text('import posefuse as pf\nprint(pf.simulate("scene.yaml", "session", processes=1))\n')
+    assert printed(str(tmp_path / "program.py"), cwd=tmp_path).count("\n") == 1
+    assert len(list((tmp_path / "session" / "videos").iterdir())) == 1
 
 
 def test_a_live_camera_draws_what_the_video_shows(session):

@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Iterable, Iterator
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
-from contextlib import ExitStack
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from functools import partial
 from multiprocessing import get_context
 from multiprocessing.synchronize import Event
 from pathlib import Path
+from types import ModuleType
 from typing import Any
 
 import cv2
@@ -76,7 +78,7 @@ def render_all(job: RenderJob, tasks: Iterable[tuple[FrameRun, Array, SeenPoints
     waiting: set[Future[int]] = set()
     try:
         for task in tasks:
-            with children_ignore_requests():
+            with children_ignore_requests(), _main_left_alone():
                 waiting.add(pool.submit(_render, *task))
             if len(waiting) >= processes * _AHEAD:
                 done, waiting = wait(waiting, return_when=FIRST_COMPLETED)
@@ -91,6 +93,16 @@ def render_all(job: RenderJob, tasks: Iterable[tuple[FrameRun, Array, SeenPoints
     finally:
         stop.set()
         pool.shutdown(wait=True, cancel_futures=True)
+
+
+@contextmanager
+def _main_left_alone() -> Iterator[None]:
+    """Processes started within do not run the main file of the program: without a guard there it would simulate in each."""
+    main, sys.modules["__main__"] = sys.modules["__main__"], ModuleType("__main__")
+    try:
+        yield
+    finally:
+        sys.modules["__main__"] = main
 
 
 class _Worker:
