@@ -280,7 +280,7 @@ def test_who_several_cameras_see_takes_the_place_of_a_track_that_none_or_one_alo
 
     def view(c, t_s):
         camera = w.rig.cameras[c]
-        # from half a second on camera 0 goes on seeing a body where the others see none, or sees nobody
+        # from half a second on camera 0 goes on seeing a body where the others see none, or sees no person
         other = was if t_s < 0.5 or c == 0 else moved
         people = [w.place(0)] if c == 0 and blind and t_s >= 0.5 else [w.place(0), other]
         return detections_of(camera.name, t_s, *(camera.project(xyz) for xyz in people))

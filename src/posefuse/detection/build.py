@@ -42,11 +42,10 @@ def checked_detector(choice: DetectorChoice, known: dict[str, Any] | None = None
     Args:
         known: facts of the session by option name, for a plug-in that has such an option.
     """
-    from posefuse.foundation.plugins import build_plugin
+    from posefuse.foundation.plugins import build_plugin, is_ours
 
     detector: Detector = build_plugin("detectors", choice.name, choice.options, known)
-    ours = type(detector).__module__.partition(".")[0] in ("posefuse", "posefuse_sim")
-    return detector if ours else _Checked(choice.name, detector)
+    return detector if is_ours(type(detector).__module__) else _Checked(choice.name, detector)
 
 
 class _Checked:

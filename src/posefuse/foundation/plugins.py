@@ -105,8 +105,12 @@ def from_package(group: str, name: str, *, extra: str) -> Any:
 
 def sources_of_others() -> list[str]:
     """Names of the sources that other packages bring, as they are given in ``CAMERA=NAME:WHERE``."""
-    entries = entry_points(group=GROUPS["sources"])
-    return sorted(entry.name for entry in entries if entry.module.partition(".")[0] not in _OURS)
+    return sorted(entry.name for entry in entry_points(group=GROUPS["sources"]) if not is_ours(entry.module))
+
+
+def is_ours(module: str) -> bool:
+    """Whether a module is of one of our packages that bring plug-ins."""
+    return module.partition(".")[0] in _OURS
 
 
 def option_names(plugin: Plugin) -> list[str]:
