@@ -110,7 +110,7 @@ def test_every_function_with_a_flag_checks_its_arguments() -> None:
         return {str(one.annotation).removesuffix(" | None") for one in inspect.signature(function).parameters.values()}
 
     with_flags = {one.__name__: one for one in public_functions() if kinds(one) & {*KINDS}}
-    assert {"track", "solve", "save", "export", "report", "compare", "calibrate_extrinsics"} <= set(with_flags)
+    assert {"track", "solve", "save", "export", "compare", "calibrate_extrinsics"} <= set(with_flags)
     assert not [name for name, one in with_flags.items() if not hasattr(one, "__wrapped__")]
 
 

@@ -134,7 +134,8 @@ def test_several_people_have_files_of_their_own(recording, tmp_path):
 
 def test_a_missing_opensim_is_named_and_leaves_no_folder(recording, tmp_path, monkeypatch):
     monkeypatch.setitem(sys.modules, "opensim", None)
-    refusal(DependencyError, "biomech", write_biomechanics, recording, tmp_path, BiomechanicsSettings(fit="none", opensim=True))
+    chosen = BiomechanicsSettings(fit="none", opensim_model=tmp_path / "my.osim")
+    refusal(DependencyError, "biomech", write_biomechanics, recording, tmp_path, chosen)
     assert not (tmp_path / "opensim").exists()
 
 

@@ -1,7 +1,7 @@
 """Our files and angles before OpenSim: it reads them without a warning, and its own inverse kinematics agrees."""
 
 import sys
-from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -13,22 +13,26 @@ from motions import columns_of
 from posefuse.core import DependencyError, InputError, PoseSequence
 from posefuse.formats.mot import motion_from_joints, write_mot
 from posefuse.formats.trc import TrcData, write_trc
-from posefuse.kinematics import joints_from_poses, opensim_path
+from posefuse.kinematics import joints_from_poses
 from posefuse.kinematics.body import bodies_from_poses
-from posefuse.kinematics.opensim_path import LOG_FILE, MODEL_FILE, MOTION_FILE, opensim_motion, write_opensim_model
 from posefuse.kinematics.opensim_scale import (
     FACTORS_FILE,
+    LOG_FILE,
     SCALED_FILE,
     SCALED_MOTION_FILE,
+    logged_opensim,
     scale_factors,
     scaled_motion,
     write_scaled_model,
 )
 
+# 15 bodies with the usual coordinates and markers of its own; limbs are longer by a fifth than those of the figure. Pelvis and
+# spine bend both, so that hips and shoulders leave one of them open
+MODEL = Path(__file__).with_name("other.osim")
 OURS = {
     "hip_flexion_r": ("right_hip", 0), "hip_adduction_l": ("left_hip", 1), "knee_angle_l": ("left_knee", 0),
     "elbow_flex_r": ("right_elbow", 0), "ankle_angle_r": ("right_ankle", 0), "arm_flex_l": ("left_arm", 0),
-    "lumbar_bending": ("trunk", 1), "pro_sup_l": ("left_wrist", 0),
+    "lumbar_bending": ("trunk", 1), "subtalar_angle_r": ("right_ankle", 1), "neck_bending": ("neck", 1),
 }  # fmt: skip
 
 
@@ -45,17 +49,30 @@ def osim():
 def solved(osim, tmp_path_factory):
     folder = tmp_path_factory.mktemp("opensim")
     sequence = figures()
-    opensim_motion(unseen(sequence, "left_ear", steps=slice(10, 14)), folder)
-    return folder, sequence, columns_of(folder / MOTION_FILE)
+    scaled_motion(MODEL, unseen(sequence, "left_ear", steps=slice(10, 14)), folder, 0, bodies_from_poses(sequence)[0])
+    return folder, sequence, columns_of(folder / SCALED_MOTION_FILE)
 
 
 def test_its_inverse_kinematics_agrees_with_our_angles(solved):
-    _, sequence, motion = solved
+    """On a model of other lengths, with markers of its own in other places: its angles become those of the person."""
+    folder, sequence, motion = solved
     joints = joints_from_poses(sequence)
     np.testing.assert_allclose(motion["time"], sequence.t_ns * 1e-9, atol=1e-6)
     for coordinate, (joint, axis) in OURS.items():
         ours = np.degrees(joints.angle_rad[:, 0, joints.joints.index(joint), axis])
         np.testing.assert_allclose(motion[coordinate], ours, atol=1.5, err_msg=coordinate)
+    assert np.ptp(motion["ankle_angle_r"]) > 15
+    assert {path.name for path in folder.iterdir()} == {
+        "scaled.osim", "scale_factors.xml", "scaled.trc", "scaled.mot", "opensim.log"
+    }  # fmt: skip
+
+
+def test_what_hips_and_shoulders_leave_open_stays_at_its_default(solved):
+    """The tilt of the pelvis and the bend of the spine move hips and shoulders alike: one of them has to be held."""
+    _, sequence, motion = solved
+    ours = columns_of(motion_from_joints(joints_from_poses(sequence)).table)
+    np.testing.assert_allclose(motion["pelvis_tilt"], ours["pelvis_tilt"], atol=1.0)
+    np.testing.assert_allclose(motion["lumbar_extension"], 0.0, atol=0.5)
 
 
 def test_nothing_was_warned_about(solved, osim):
@@ -64,7 +81,7 @@ def test_nothing_was_warned_about(solved, osim):
     assert complaints == []
     osim.Logger.addFileSink(str(folder / "guard.log"))
     tool = osim.InverseKinematicsTool()
-    tool.set_model_file(str(folder / MODEL_FILE))
+    tool.set_model_file(str(folder / SCALED_FILE))
     tool.setMarkerDataFileName(str(folder / "not_there.trc"))
     with pytest.raises(RuntimeError):
         tool.run()
@@ -74,7 +91,7 @@ def test_nothing_was_warned_about(solved, osim):
 
 def test_it_opens_the_model_and_our_motions(solved, osim, tmp_path):
     folder, sequence, _ = solved
-    model = osim.Model(str(folder / MODEL_FILE))
+    model = osim.Model(str(folder / SCALED_FILE))
     model.initSystem()
     assert model.getMarkerSet().getSize() == 23
     ours, note = motion_from_joints(joints_from_poses(unseen(sequence, "left_elbow", steps=slice(10, 14))))
@@ -95,7 +112,7 @@ def test_a_motion_moves_a_model_to_the_points(solved, osim):
     """
     folder, sequence, _ = solved
     motion = columns_of(motion_from_joints(joints_from_poses(sequence)).table)
-    model = osim.Model(str(folder / MODEL_FILE))
+    model = osim.Model(str(folder / SCALED_FILE))
     state = model.initSystem()
     coordinates = {one.getName(): one for one in model.getCoordinateSet()}
     moved = [name for name in motion if name in coordinates]
@@ -129,8 +146,8 @@ def test_a_person_who_comes_late_hides_and_leaves_early_moves_while_seen(solved,
     for steps in (slice(0, 5), slice(18, 22), slice(35, None)):
         hidden = unseen(hidden, *sequence.skeleton.keypoints, steps=steps)
     hidden = unseen(hidden, *sequence.skeleton.keypoints[3:], steps=slice(10, 12))
-    opensim_motion(hidden, tmp_path, body=bodies_from_poses(sequence)[0])
-    motion, seen = columns_of(tmp_path / MOTION_FILE), np.r_[5:10, 12:18, 22:35]
+    scaled_motion(MODEL, hidden, tmp_path, 0, bodies_from_poses(sequence)[0])
+    motion, seen = columns_of(tmp_path / SCALED_MOTION_FILE), np.r_[5:10, 12:18, 22:35]
     np.testing.assert_allclose(motion["time"], sequence.t_ns[seen] * 1e-9, atol=1e-6)
     for coordinate in OURS:
         np.testing.assert_allclose(motion[coordinate], whole[coordinate][seen], atol=1.0, err_msg=coordinate)
@@ -138,41 +155,28 @@ def test_a_person_who_comes_late_hides_and_leaves_early_moves_while_seen(solved,
 
 def test_what_fails_in_it_is_named_with_its_reason(solved, tmp_path):
     def without_markers():
-        with opensim_path.logged_opensim(tmp_path) as library:
+        with logged_opensim(tmp_path) as library:
             tool = library.InverseKinematicsTool()
-            tool.set_model_file(str(solved[0] / MODEL_FILE))
+            tool.set_model_file(str(solved[0] / SCALED_FILE))
             tool.setMarkerDataFileName(str(tmp_path / "none.trc"))
             tool.run()
 
     refusal(InputError, r"OpenSim failed \(InverseKinematicsTool Failed: .*none\.trc", without_markers)
 
 
-def stretched(body, factor: float):
-    """The same skeleton with limbs longer by a factor, and hips and shoulders that stay."""
-    longer = np.array([node.offset.endswith(("elbow", "wrist", "knee", "ankle")) for node in body.nodes])
-    lengths = dict(body.lengths)
-    for name in lengths:
-        if name.endswith(("upper_arm", "forearm", "thigh", "shank")):
-            lengths[name] = replace(lengths[name], value_m=lengths[name].value_m * factor)
-    return replace(body, offset=body.offset * np.where(longer, factor, 1.0)[:, None], lengths=lengths)
-
-
 def test_a_users_own_model_gets_the_persons_lengths(osim, tmp_path):
     """Somebody else's model, scaled to a person: OpenSim itself then measures the person's lengths, and joints where we say."""
     person = bodies_from_poses(figures())[0]
-    write_opensim_model(tmp_path / "other.osim", stretched(person, 1.2))
-    before = (tmp_path / "other.osim").read_bytes()
-    names = write_scaled_model(tmp_path / "other.osim", tmp_path, person)
-    assert (tmp_path / "other.osim").read_bytes() == before
-    found = scale_factors(tmp_path / "other.osim", person)
-    np.testing.assert_allclose(found.bodies["femur_r"], 1 / 1.2, rtol=1e-6)
-    np.testing.assert_allclose(found.bodies["pelvis"], 1.0, rtol=1e-6)
-    again = scale_factors(tmp_path / SCALED_FILE, person)
-    assert len(again.lengths_m) == 11
-    for name, (model_m, person_m) in again.lengths_m.items():
-        assert model_m == pytest.approx(person_m, abs=1e-6), name
+    before = MODEL.read_bytes()
+    names = write_scaled_model(MODEL, tmp_path, person)
+    assert MODEL.read_bytes() == before
+    found = scale_factors(MODEL, person)
+    np.testing.assert_allclose(found["femur_r"], 1 / 1.2, rtol=1e-6)
+    np.testing.assert_allclose(found["pelvis"], 1.0, rtol=1e-6)
+    for name, factors in scale_factors(tmp_path / SCALED_FILE, person).items():
+        np.testing.assert_allclose(factors, 1.0, rtol=1e-5, err_msg=name)
     scales = osim.ScaleSet(str(tmp_path / FACTORS_FILE))
-    assert {scales.get(i).getSegmentName() for i in range(scales.getSize())} == set(found.bodies)
+    assert {scales.get(i).getSegmentName() for i in range(scales.getSize())} == set(found)
     model = osim.Model(str(tmp_path / SCALED_FILE))
     state = model.initSystem()
     assert {"left_heel", "right_heel", "nose", "left_ear", "left_knee"} <= set(names)
@@ -181,42 +185,9 @@ def test_a_users_own_model_gets_the_persons_lengths(osim, tmp_path):
     np.testing.assert_allclose(marker, knee, atol=1e-9)
 
 
-def test_inverse_kinematics_on_a_users_own_model_moves_feet_and_head(osim, tmp_path):
-    """Of other lengths, with markers of its own in other places: its angles become those of the person, ankle and neck too."""
-    sequence = figures()
-    write_opensim_model(tmp_path / "other.osim", stretched(bodies_from_poses(sequence)[0], 1.2))
-    scaled_motion(tmp_path / "other.osim", sequence, tmp_path)
-    motion = columns_of(tmp_path / SCALED_MOTION_FILE)
-    joints = joints_from_poses(sequence)
-    moved = {**OURS, "subtalar_angle_r": ("right_ankle", 1), "neck_bending": ("neck", 1)}
-    del moved["pro_sup_l"]  # nothing of the hand is in the model
-    for coordinate, (joint, axis) in moved.items():
-        ours = np.degrees(joints.angle_rad[:, 0, joints.joints.index(joint), axis])
-        np.testing.assert_allclose(motion[coordinate], ours, atol=1.5, err_msg=coordinate)
-    assert np.ptp(motion["ankle_angle_r"]) > 15
-    assert {path.name for path in tmp_path.iterdir()} == {
-        "other.osim", "scaled.osim", "scale_factors.xml", "scaled.trc", "scaled.mot", "opensim.log"
-    }  # fmt: skip
-
-
 def test_opensim_prints_nothing_among_the_figures(osim, tmp_path, capfd):
-    opensim_motion(figures(), tmp_path)
+    scaled_motion(MODEL, figures(), tmp_path, 0, bodies_from_poses(figures())[0])
     assert capfd.readouterr().out == ""
-
-
-def test_what_hips_and_shoulders_leave_open_stays_at_its_default(osim, tmp_path, monkeypatch):
-    """The tilt of the pelvis and the bend of the spine move hips and shoulders alike: one of them has to be held."""
-    sequence = figures()
-    opensim_motion(sequence, tmp_path)
-    stiff = columns_of(tmp_path / MOTION_FILE)
-    torso, *others = opensim_path._LINKS
-    bending = replace(torso, turns=(("lumbar_extension", (0.0, 0.0, 1.0)), *torso.turns))
-    monkeypatch.setattr(opensim_path, "_LINKS", (bending, *others))
-    write_opensim_model(tmp_path / "other.osim", bodies_from_poses(sequence)[0])
-    scaled_motion(tmp_path / "other.osim", sequence, tmp_path)
-    motion = columns_of(tmp_path / SCALED_MOTION_FILE)
-    np.testing.assert_allclose(motion["pelvis_tilt"], stiff["pelvis_tilt"], atol=1.0)
-    np.testing.assert_allclose(motion["lumbar_extension"], 0.0, atol=0.5)
 
 
 def test_what_is_no_model_is_refused_in_a_line(osim, tmp_path):
@@ -224,9 +195,10 @@ def test_what_is_no_model_is_refused_in_a_line(osim, tmp_path):
     (tmp_path / "no.osim").write_text("<nothing/>")
     refusal(InputError, r"no\.osim: expected", scale_factors, tmp_path / "no.osim", person)
     with pytest.raises(InputError, match="expected an existing folder"):
-        scaled_motion(tmp_path / "no.osim", figures(), tmp_path / "none", body=person)
+        scaled_motion(tmp_path / "no.osim", figures(), tmp_path / "none", 0, person)
 
 
 def test_without_the_package_it_names_what_to_install(monkeypatch, tmp_path):
     monkeypatch.setitem(sys.modules, "opensim", None)
-    refusal(DependencyError, r"posefuse\[biomech\]", lambda: opensim_motion(figures(), tmp_path))
+    person = bodies_from_poses(figures())[0]
+    refusal(DependencyError, r"posefuse\[biomech\]", lambda: scaled_motion(MODEL, figures(), tmp_path, 0, person))

@@ -350,7 +350,6 @@ class Recording(core.Recording):
         path: str | Path | None = None,
         *,
         fit: Fit = "points",
-        opensim: bool = False,
         opensim_model: str | Path | None = None,
         title: str | None = None,
         progress: Progress | bool | None = None,
@@ -360,8 +359,7 @@ class Recording(core.Recording):
         Args:
             path: the folder, ``biomechanics`` in the result where None is given; an earlier report is moved aside.
             fit: see `joint_angles`. title: of the page.
-            opensim: run OpenSim's inverse kinematics, too (extra ``biomech``).
-            opensim_model: on your model, scaled to each person.
+            opensim_model: run OpenSim's inverse kinematics, too, on your model, scaled to each person (extra ``biomech``).
 
         Raises:
             InputError: the folder holds anything else or overlaps the result, or there is no one to report on.
@@ -374,7 +372,7 @@ class Recording(core.Recording):
         if place is None:
             raise InputError("report: expected a folder for the files of a recording that was not read from a file")
         model = None if opensim_model is None else Path(opensim_model)
-        chosen = BiomechanicsSettings(fit=fit, opensim=opensim, opensim_model=model)
+        chosen = BiomechanicsSettings(fit=fit, opensim_model=model)
         with shown(progress) as report, compiling("joint angles", lambda line: report("angles", 0, None, line)):
             return write_report_folder(self, self.path, Path(place), chosen, title=title, progress=report)
 

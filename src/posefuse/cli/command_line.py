@@ -250,7 +250,7 @@ USUAL = {
     "node camera": "--source --name --domain --peer",
     "node fusion": "--domain --peer",
     "view": "--session",
-    "report": "--out --fit --opensim --opensim-model",
+    "report": "--out --fit --opensim-model",
     "export": "--out --outputs --session",
     "compare": "--out --no-time --no-space",
     "simulate": "--out --plan --gazebo --force",

@@ -33,7 +33,6 @@ def report(
     out: Annotated[Path | None, Parameter(metavar="FOLDER")] = None,
     fit: Literal["none", "points", "rays"] = "points",
     title: Annotated[str | None, Parameter(metavar="TEXT")] = None,
-    opensim: bool = False,
     opensim_model: Annotated[Path | None, Parameter(metavar="OSIM")] = None,
     terminal: Shown,
 ) -> Figures:
@@ -44,12 +43,11 @@ def report(
         out: Folder for the files (default DIR/biomechanics, or NAME_biomechanics for NAME.mcap).
         fit: Fit one skeleton of constant lengths to the 3D points, to the rays of all views, or not at all.
         title: Title of the page (default: Motion report).
-        opensim: Run OpenSim's inverse kinematics too (extra: biomech).
         opensim_model: Scale your OpenSim model to each person and run inverse kinematics on it (extra: biomech).
     """
     recording = pf.read(result, observed=fit == "rays")
     with terminal.stages() as progress:
-        made = recording.report(out, fit=fit, opensim=opensim, opensim_model=opensim_model, title=title, progress=progress)
+        made = recording.report(out, fit=fit, opensim_model=opensim_model, title=title, progress=progress)
     page = next(path for path in made if path.name == "report.html")
     names, people = [path.relative_to(page.parent).as_posix() for path in made], len(recording.poses.person_id)
     terminal.show([Heading("Biomechanics"), Facts({"people": people, "files": ", ".join(names), "look at": str(page)})])

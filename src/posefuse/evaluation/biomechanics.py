@@ -25,8 +25,7 @@ from posefuse.kinematics.animation import animation_from_joints
 from posefuse.kinematics.body import bodies_from_poses, fit_poses, fit_views
 from posefuse.kinematics.definitions import joints_without_points
 from posefuse.kinematics.gait import Gait, gait_from_poses
-from posefuse.kinematics.opensim_path import opensim_library, opensim_motion
-from posefuse.kinematics.opensim_scale import scaled_motion
+from posefuse.kinematics.opensim_scale import opensim_library, scaled_motion
 from posefuse.kinematics.skin import skin_of
 from posefuse.outputs.data_files import write_angles
 from posefuse.outputs.provenance import duration_s, person_suffix
@@ -47,13 +46,11 @@ class BiomechanicsSettings:
         fit: ``points`` fits one skeleton per person to the 3D points; ``rays`` to what the views saw, brought to joint centres
             (`rays_at_joint_centres`), so that one camera still counts; ``none`` takes the angles straight from the points, as
             do all where the skeleton has no hips or no shoulders.
-        opensim: run OpenSim's inverse kinematics as well; needs the extra ``biomech``.
         opensim_model: an .osim of the user's own to scale to each person and to run inverse kinematics on; needs the extra
             ``biomech``.
     """
 
     fit: Literal["none", "points", "rays"] = "points"
-    opensim: bool = False
     opensim_model: Path | None = None
 
 
@@ -107,7 +104,7 @@ def write_biomechanics(
     """Write into an existing folder; returns the files made.
 
     ``angles.csv``, ``report.html``, and ``gait_cycles.csv`` if a person walks. Per person ``angles.mot``
-    (OpenSim), ``points_angles.c3d``, ``skeleton.bvh`` (centimetres, Y up), ``skeleton.glb``, and with `opensim` a folder
+    (OpenSim), ``points_angles.c3d``, ``skeleton.bvh`` (centimetres, Y up), ``skeleton.glb``, and with `opensim_model` a folder
     ``opensim``. With several people these names end in ``_ID``. People who cannot be animated (`animation_from_joints`
     gives the reason) have no skeleton files.
 
@@ -119,7 +116,7 @@ def write_biomechanics(
         InputError: see `joints_of`; a place that cannot be written to. DependencyError: OpenSim is missing.
     """
     chosen = chosen or BiomechanicsSettings()
-    if chosen.opensim or chosen.opensim_model:
+    if chosen.opensim_model:
         opensim_library()
     how = how_angles_are_made(recording.poses.skeleton, chosen)
     progress("report", 0, _STAGES, f"joint angles of {len(recording.poses)} time steps, {how}")
@@ -146,8 +143,8 @@ def write_biomechanics(
             for note in notes:
                 progress("report", 1, _STAGES, note)
             made += files
-            if chosen.opensim or chosen.opensim_model:
-                made += _opensim_files(poses, n, folder / f"opensim{ending}", chosen)
+            if chosen.opensim_model:
+                made += _opensim_files(poses, n, folder / f"opensim{ending}", chosen.opensim_model)
     progress("report", 2, _STAGES, "gait cycles and the page")
     walking = zip(poses.person_id.tolist(), gaits, strict=True)
     if cycles := {person: gait_cycles(joints, n, gait) for n, (person, gait) in enumerate(walking) if gait is not None}:
@@ -225,11 +222,7 @@ def _c3d_angles(joints: JointAngles, n: int) -> tuple[tuple[str, ...], Array]:
     return tuple(f"{joints.joints[q]}_angles" for q in kept), np.where(ever, angle, 0.0)[:, kept]
 
 
-def _opensim_files(poses: PoseSequence, n: int, folder: Path, chosen: BiomechanicsSettings) -> list[Path]:
+def _opensim_files(poses: PoseSequence, n: int, folder: Path, model: Path) -> list[Path]:
     folder.mkdir(exist_ok=True)
-    body = bodies_from_poses(poses)[int(poses.person_id[n])]
-    if chosen.opensim:
-        opensim_motion(poses, folder, n, body)
-    if chosen.opensim_model:
-        scaled_motion(chosen.opensim_model, poses, folder, n, body)
+    scaled_motion(model, poses, folder, n, bodies_from_poses(poses)[int(poses.person_id[n])])
     return sorted(folder.iterdir())

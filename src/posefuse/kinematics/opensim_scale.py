@@ -12,22 +12,27 @@ Optional: needs ``pip install "posefuse[biomech]"``.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass
+import os
+import sys
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from posefuse.core import InputError, PoseSequence
+from posefuse.core import DependencyError, InputError, PoseSequence
 from posefuse.core.arrays import Array
 from posefuse.core.skeleton import LIMB_ENDS, SIDES
+from posefuse.formats.mot import longest_presence
+from posefuse.formats.trc import TrcData, write_trc
 from posefuse.foundation.parsing import one_line
 
-from .body.model import BodyModel, bodies_from_poses, segment_spans
-from .opensim_path import inverse_kinematics, logged_opensim, opensim_library
+from .body.model import BodyModel, segment_spans
 
-SCALED_FILE, FACTORS_FILE, SCALED_MOTION_FILE = "scaled.osim", "scale_factors.xml", "scaled.mot"
+SCALED_FILE, FACTORS_FILE, SCALED_MOTION_FILE, LOG_FILE = "scaled.osim", "scale_factors.xml", "scaled.mot", "opensim.log"
+# of a radian squared against a metre squared of a marker: holds what hips and shoulders leave open, and moves no marker
+_HELD_WEIGHT = 0.1
 # joint -> coordinates that models name it by
 _COORDINATES = {
     "hip": ("hip_flexion",), "knee": ("knee_angle",), "ankle": ("ankle_angle",), "shoulder": ("arm_flex", "elv_angle"),
@@ -40,21 +45,8 @@ _NECK = ("neck_", "head_")
 _SPINE = ("lumbar_extension", "L5_S1_Flex_Ext")
 
 
-@dataclass(frozen=True, eq=False)
-class ScaleFactors:
-    """Of one model and person.
-
-    Attributes:
-        bodies: name of a body -> (3,) factors along its own axes (X forward, Y up, Z right).
-        lengths_m: name of a segment -> (the model's, the person's).
-    """
-
-    bodies: Mapping[str, Array]
-    lengths_m: Mapping[str, tuple[float, float]]
-
-
-def scale_factors(model_path: Path, body: BodyModel) -> ScaleFactors:
-    """Factors that give a model the person's segment lengths.
+def scale_factors(model_path: Path, body: BodyModel) -> dict[str, Array]:
+    """By the name of a body, (3,) factors along its own axes (X forward, Y up, Z right) for the person's segment lengths.
 
     Raises:
         DependencyError: the `opensim` package is missing. InputError: the file is no model, or has none of the usual joints.
@@ -82,10 +74,10 @@ def scale_factors(model_path: Path, body: BodyModel) -> ScaleFactors:
                 continue
             for name in _chain(model, last, _child(joints[f"{side}_{begin}"])):
                 factors[name] = np.full(3, ratio[key])
-    return ScaleFactors(factors, lengths)
+    return factors
 
 
-def scaled_motion(model_path: Path, sequence: PoseSequence, folder: Path, person: int = 0, body: BodyModel | None = None) -> None:
+def scaled_motion(model_path: Path, sequence: PoseSequence, folder: Path, person: int, body: BodyModel) -> None:
     """Scale the user's model to the person and run OpenSim's inverse kinematics on it.
 
     Writes ``scaled.osim`` (with our markers), ``scale_factors.xml`` (a ScaleSet for OpenSim's scale tool), ``scaled.trc`` (the
@@ -93,17 +85,122 @@ def scaled_motion(model_path: Path, sequence: PoseSequence, folder: Path, person
 
     Args:
         model_path: the user's .osim; it is only read. sequence: the recording. folder: an existing folder.
-        person: place on axis N. body: the person's skeleton; estimated from the recording when not given.
+        person: place on axis N. body: the person's skeleton.
 
     Raises:
         see `scale_factors`; InputError: a place that cannot be written to, or OpenSim fails.
     """
-    body = body or bodies_from_poses(sequence)[int(sequence.person_id[person])]
     with logged_opensim(folder) as osim:
         names = write_scaled_model(model_path, folder, body)
         scaled = folder / SCALED_FILE
         held = [name for name in _SPINE if name in _by_coordinate(_opened(osim, scaled)[0])]
-        inverse_kinematics(osim, scaled, folder / SCALED_MOTION_FILE, names, sequence, person, held=held)
+        _inverse_kinematics(osim, scaled, folder / SCALED_MOTION_FILE, names, sequence, person, held=held)
+
+
+@contextmanager
+def logged_opensim(folder: Path) -> Iterator[Any]:
+    """The `opensim` package, which writes its log into this folder; its failures become an InputError with the log's last error.
+
+    Raises:
+        DependencyError: the `opensim` package is missing. InputError: no such folder, or OpenSim fails.
+    """
+    osim = opensim_library()
+    if not folder.is_dir():
+        raise InputError(f"{folder}: expected an existing folder for OpenSim's files")
+    log = folder / LOG_FILE
+    log.unlink(missing_ok=True)
+    osim.Logger.setLevelString("Warn")
+    osim.Logger.removeFileSink()
+    osim.Logger.addFileSink(str(log))
+    try:
+        yield osim
+    except RuntimeError as error:
+        # not the file's name: a report that fails leaves no folder behind
+        reasons = [line.partition("[error] ")[2] for line in log.read_text(errors="replace").splitlines() if "[error] " in line]
+        raise InputError(f"{folder}: OpenSim failed ({one_line(reasons[-1] if reasons else error)})") from None
+    finally:
+        osim.Logger.removeFileSink()
+
+
+def _inverse_kinematics(
+    osim: Any,
+    model: Path,
+    motion: Path,
+    names: Sequence[str],
+    sequence: PoseSequence,
+    person: int,
+    held: Sequence[str],
+) -> None:
+    """Write the motion of a model with markers that are named like keypoints, and next to it the keypoints as TRC.
+
+    Both hold the longest time in which the person is there (`longest_presence`), without the time steps of it that have half of
+    the markers or fewer: OpenSim fails at the first that has none, and makes up most of the others.
+
+    `held` names coordinates that stay near their default: what the keypoints do not determine.
+    """
+    t_s = sequence.t_ns * 1e-9
+    rate_hz = (len(t_s) - 1) / float(np.ptp(t_s)) if len(t_s) > 1 else 1.0
+    xyz = sequence.xyz_world[:, person, [sequence.skeleton.index(name) for name in names]]
+    seen = np.isfinite(xyz).all(axis=-1).sum(axis=1)
+    there = seen > seen.max() / 2
+    rows = longest_presence(t_s, there)
+    rows = rows[there[rows]]
+    t_s, xyz = t_s[rows], xyz[rows]
+    trc = motion.with_suffix(".trc")
+    write_trc(trc, TrcData(names=tuple(names), t_s=t_s, xyz_world=xyz, rate_hz=rate_hz))
+    tool = osim.InverseKinematicsTool()
+    tool.setName("posefuse")
+    tool.set_model_file(str(model))
+    tool.setMarkerDataFileName(str(trc))
+    tool.setStartTime(float(t_s[0]))
+    tool.setEndTime(float(t_s[-1]))
+    tool.setResultsDir(str(motion.parent))
+    tool.setOutputMotionFileName(str(motion))
+    tasks = tool.upd_IKTaskSet()
+    for name in names:
+        task = osim.IKMarkerTask()
+        task.setName(name)
+        task.setApply(True)
+        task.setWeight(1.0)
+        tasks.cloneAndAppend(task)
+    for name in held:
+        task = osim.IKCoordinateTask()
+        task.setName(name)
+        task.setValueType(osim.IKCoordinateTask.DefaultValue)
+        task.setWeight(_HELD_WEIGHT)
+        tasks.cloneAndAppend(task)
+    tool.set_report_errors(False)
+    with _quiet_output():
+        done = tool.run()
+    if not done:
+        raise RuntimeError("the inverse kinematics tool did not finish")
+
+
+@contextmanager
+def _quiet_output() -> Iterator[None]:
+    """Without the table of the model that OpenSim's C++ prints past its own log: stdout may be a program's JSON."""
+    sys.stdout.flush()
+    kept = os.dup(1)
+    try:
+        with Path(os.devnull).open("wb") as nowhere:
+            os.dup2(nowhere.fileno(), 1)
+        yield
+    finally:
+        os.dup2(kept, 1)
+        os.close(kept)
+
+
+def opensim_library() -> Any:
+    """The `opensim` package; raises DependencyError if it is missing."""
+    loaded = "opensim" in sys.modules
+    try:
+        import opensim
+    except ImportError as error:
+        raise DependencyError(f'OpenSim is missing ({error}); install it with: pip install "posefuse[biomech]"') from None
+    if not loaded:
+        # by itself it writes opensim.log into the folder the program was started in
+        opensim.Logger.removeFileSink()
+    return opensim
 
 
 def write_scaled_model(model_path: Path, folder: Path, body: BodyModel) -> list[str]:
@@ -113,10 +210,9 @@ def write_scaled_model(model_path: Path, folder: Path, body: BodyModel) -> list[
         see `scale_factors`.
     """
     osim = opensim_library()
-    found = scale_factors(model_path, body)
     model, state = _opened(osim, model_path)
     scales = osim.ScaleSet()
-    for name, factor in found.bodies.items():
+    for name, factor in scale_factors(model_path, body).items():
         one = osim.Scale()
         one.setSegmentName(name)
         one.setScaleFactors(osim.Vec3(*factor))
