@@ -214,7 +214,7 @@ def _events(gait: Gait | None, begin_s: float) -> tuple[C3dEvent, ...]:
 def _c3d_angles(joints: JointAngles, n: int) -> tuple[tuple[str, ...], Array]:
     """Labels and angles (T, A, 3) as C3D wants them: three at a time, all there or all missing.
 
-    An angle that joint centres never determine is zero by construction (see `undefined_angles`) and written so.
+    An angle that joint centres never determine is zero by construction (`Joint.determined`) and written so.
     """
     angle = joints.angle_rad[:, n]
     ever = np.asarray(np.isfinite(angle).any(axis=0))

@@ -5,8 +5,8 @@ from typing import TYPE_CHECKING
 from posefuse.core.extras import lazy_names
 
 if TYPE_CHECKING:
-    from .definitions import JOINT_NAMES, JOINTS, SEGMENT_NAMES, SEGMENTS, undefined_angles, undefined_segments
-    from .joints import JointTracker, Reason, joints_from_poses, reasons_from_poses
+    from .definitions import JOINT_NAMES, JOINTS, SEGMENT_NAMES, SEGMENTS, undefined_segments
+    from .joints import JointTracker, joints_from_poses
     from .settings import JointSettings
     from .side_clues import check_sides, facing_votes
 

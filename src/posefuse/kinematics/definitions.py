@@ -91,7 +91,7 @@ class Limb:
 
 @dataclass(frozen=True, kw_only=True)
 class Joint:
-    """One joint: child relative to parent.
+    """One joint: child relative to parent. Where its angles are zero is in `docs/kinematics.md`.
 
     Attributes:
         name: its name.
@@ -99,7 +99,6 @@ class Joint:
         sequence: axes of the three successive rotations, in parent, moving and child axes.
         angle_names: what each angle is called; positive as named.
         sign: what each angle of the sequence is multiplied by (left sides are mirrored across the sagittal plane before).
-        zero: in words, where all angles are zero.
         determined: which of the three the keypoints determine when all segments are known.
     """
 
@@ -107,7 +106,6 @@ class Joint:
     parent: str
     child: str
     angle_names: tuple[str, str, str]
-    zero: str
     sequence: str = "ZXY"
     sign: tuple[int, int, int] = (1, 1, 1)
     determined: tuple[bool, bool, bool] = (True, True, True)
@@ -150,9 +148,6 @@ SEGMENTS = (
     *_side_segments("right", False, 1, 3),
 )
 
-_PLANE = "; turned by the common plane of the limb, so the other two are zero by construction"
-_HIP = "thigh along the pelvis Y axis, limb plane sagittal"
-
 
 def _side_joints(side: str) -> tuple[Joint, ...]:
     ball = ("flexion", "adduction", "internal_rotation")
@@ -164,21 +159,13 @@ def _side_joints(side: str) -> tuple[Joint, ...]:
             child=upper_arm,
             sequence="YXY",
             angle_names=("plane_of_elevation", "elevation", "internal_rotation"),
-            zero="arm hanging (elevation); plane 0 is abduction, 90 degrees forward flexion",
         ),
-        Joint(
-            name=f"{side}_arm",
-            parent="thorax",
-            child=upper_arm,
-            angle_names=ball,
-            zero="arm hanging, elbow bending forward",
-        ),
+        Joint(name=f"{side}_arm", parent="thorax", child=upper_arm, angle_names=ball),
         Joint(
             name=f"{side}_elbow",
             parent=upper_arm,
             child=forearm,
             angle_names=("flexion", "carrying", "pronation"),
-            zero="arm straight" + _PLANE,
             determined=(True, False, False),
         ),
         Joint(
@@ -187,16 +174,14 @@ def _side_joints(side: str) -> tuple[Joint, ...]:
             child=f"{side}_hand",
             sequence="YZX",
             angle_names=("pronation", "flexion", "ulnar_deviation"),
-            zero="hand in line with the forearm, palm facing the way the elbow bends",
         ),
-        Joint(name=f"{side}_hip", parent="pelvis", child=thigh, angle_names=ball, zero=_HIP),
+        Joint(name=f"{side}_hip", parent="pelvis", child=thigh, angle_names=ball),
         Joint(
             name=f"{side}_knee",
             parent=thigh,
             child=shank,
             angle_names=ball,
             sign=(-1, 1, 1),
-            zero="leg straight" + _PLANE,
             determined=(True, False, False),
         ),
         Joint(
@@ -204,7 +189,6 @@ def _side_joints(side: str) -> tuple[Joint, ...]:
             parent=shank,
             child=f"{side}_foot",
             angle_names=("dorsiflexion", "inversion", "internal_rotation"),
-            zero="line heel to toe normal to the shank",
         ),
     )
 
@@ -217,7 +201,6 @@ JOINTS = (
         sequence="YXZ",
         angle_names=("rotation_left", "obliquity_right_down", "tilt_forward"),
         sign=(1, 1, -1),
-        zero="facing world x, hips level, trunk upright; tilt is that of the line from mid-hip to neck",
     ),
     Joint(
         name="trunk",
@@ -225,7 +208,6 @@ JOINTS = (
         child="thorax",
         angle_names=("flexion", "bend_right", "rotation_left"),
         sign=(-1, 1, 1),
-        zero="shoulder line parallel to hip line; flexion is zero by construction",
         determined=(False, True, True),
     ),
     Joint(
@@ -234,7 +216,6 @@ JOINTS = (
         child="head",
         angle_names=("flexion", "bend_right", "rotation_left"),
         sign=(-1, 1, 1),
-        zero="head level (nose 6.6 degrees below the ears) with the trunk upright",
     ),
     *_side_joints("left"),
     *_side_joints("right"),
@@ -265,11 +246,10 @@ def landmark_pairs(skeleton: Skeleton) -> Array:
     return np.array(rows)
 
 
-def undefined_segments(skeleton: Skeleton) -> dict[str, str]:
-    """Segments whose frame this skeleton cannot give, each with the reason."""
+def undefined_segments(skeleton: Skeleton) -> set[str]:
+    """Segments whose frame this skeleton cannot give, because it lacks a point."""
     lacking = {p for p in POINTS if not _sources(p, skeleton)}
-    missing = {s.name: [p for p in s.points if p in lacking] for s in SEGMENTS}
-    return {name: f"needs {', '.join(points)}, which {skeleton.name} does not have" for name, points in missing.items() if points}
+    return {segment.name for segment in SEGMENTS if not lacking.isdisjoint(segment.points)}
 
 
 def joints_without_points(skeleton: Skeleton) -> str:
@@ -278,17 +258,3 @@ def joints_without_points(skeleton: Skeleton) -> str:
     joints = [joint.name for joint in JOINTS if joint.child in lost or joint.parent in lost]
     lacking = [point for point in POINTS if not _sources(point, skeleton)]
     return f"no angles of {', '.join(joints)}: {skeleton.name} has no {', '.join(lacking)}" if joints else ""
-
-
-def undefined_angles(skeleton: Skeleton) -> dict[str, str]:
-    """Angles ``joint.angle`` that can never come out of this skeleton, each with the reason."""
-    lost = undefined_segments(skeleton)
-    reasons = {}
-    for joint in JOINTS:
-        for name, determined in zip(joint.angle_names, joint.determined, strict=True):
-            segment = next((s for s in (joint.child, joint.parent) if s in lost), None)
-            if segment:
-                reasons[f"{joint.name}.{name}"] = f"segment {segment} {lost[segment]}"
-            elif not determined:
-                reasons[f"{joint.name}.{name}"] = "not determined by joint centres: " + joint.zero.split("; ")[-1]
-    return reasons

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from enum import IntEnum
 
 import numpy as np
 
@@ -23,24 +22,9 @@ from .definitions import (
     SEGMENTS,
     SEQUENCES,
     landmark_pairs,
-    undefined_angles,
 )  # fmt: skip
 from .settings import JointSettings
 from .side_clues import check_sides
-
-# Why an angle is not there.
-
-
-class Reason(IntEnum):
-    """Why an angle is NaN, or that it is not."""
-
-    DEFINED = kernels.DEFINED
-    NOT_DETERMINED = kernels.NOT_DETERMINED  # these keypoints never determine it
-    MISSING = kernels.MISSING  # a keypoint it needs is missing at this time step
-    STRAIGHT_LIMB = kernels.STRAIGHT_LIMB  # the plane of a straight limb was lost too long ago
-    GIMBAL_LOCK = kernels.GIMBAL_LOCK  # first and last axis of the sequence are parallel: only their sum is known
-    UNCERTAIN = kernels.UNCERTAIN  # the keypoints are known too badly
-
 
 _HINGE_MEMORY_S = 0.2
 # nearer than this to gimbal lock the first and last angle of a sequence are NaN, and so is an angle less certain than this
@@ -67,6 +51,7 @@ _TABLE = kernels.BodyTable(
     sequence=np.array([SEQUENCES.index(joint.sequence) for joint in JOINTS]),
     mirrored=np.array([joint.mirrored for joint in JOINTS]),
     sign=np.array([joint.sign for joint in JOINTS], np.float64),
+    determined=np.array([joint.determined for joint in JOINTS]),
     ground=_ISB_FROM_WORLD,
 )
 
@@ -76,23 +61,17 @@ def joints_from_poses(sequence: PoseSequence, settings: JointSettings | None = N
 
     Angles are continuous over time (unwrapped; those of joints within 225 degrees), radians, flexion positive on both sides;
     `sigma_rad` is propagated from `cov_world`, whose keypoints are taken as independent of each other. What is not defined is
-    NaN; `reasons_from_poses` gives the reason.
+    NaN.
 
     Raises:
         InputError: left and right of a person are plainly swapped (see `check_sides`).
     """
-    return reasons_from_poses(sequence, settings)[0]
-
-
-def reasons_from_poses(sequence: PoseSequence, settings: JointSettings | None = None) -> tuple[JointAngles, Array]:
-    """As `joints_from_poses`, with (T, N, J, 3) uint8 of `Reason` for every angle."""
     settings = settings or JointSettings()
     check_sides(sequence)
     work = FrameBuffers(sequence.skeleton, settings)
     shape = sequence.xyz_world.shape[:2]
     wxyz, origin = np.empty((*shape, len(SEGMENT_NAMES), 4)), np.empty((*shape, len(SEGMENT_NAMES), 3))
     angles, sigmas = np.empty((*shape, len(JOINT_NAMES), 3)), np.empty((*shape, len(JOINT_NAMES), 3))
-    reasons = np.zeros((*shape, len(JOINT_NAMES), 3), np.uint8)
     for n in range(shape[1]):
         planes = _smoothed_planes(sequence, n, work)
         last = np.full((len(JOINT_NAMES), 3), np.nan)
@@ -101,8 +80,8 @@ def reasons_from_poses(sequence: PoseSequence, settings: JointSettings | None = 
             work.solve(planes[i])
             work.unwrap(last)
             wxyz[i, n], origin[i, n] = frames_of(work.rotation, work.origins())
-            angles[i, n], sigmas[i, n], reasons[i, n] = work.angles, work.sigmas, work.reasons
-    return joints_value(sequence.t_ns, sequence.person_id, wxyz, origin, angles, sigmas), reasons
+            angles[i, n], sigmas[i, n] = work.angles, work.sigmas
+    return joints_value(sequence.t_ns, sequence.person_id, wxyz, origin, angles, sigmas)
 
 
 class JointTracker:
@@ -174,9 +153,6 @@ class FrameBuffers:
     def __init__(self, skeleton: Skeleton, settings: JointSettings | None = None) -> None:
         self.settings = settings or JointSettings()
         self.pairs = landmark_pairs(skeleton)
-        impossible = undefined_angles(skeleton)
-        possible = [[f"{joint.name}.{name}" not in impossible for name in joint.angle_names] for joint in JOINTS]
-        self.determined = np.array([joint.determined for joint in JOINTS]) & np.array(possible)
         s, q, p = len(SEGMENT_NAMES), len(JOINT_NAMES), len(POINTS)
         self.points, self.points_cov = np.empty((p, 3)), np.empty((p, 3, 3))
         self.expected, self.updated = np.empty((2, len(LIMBS), kernels.PLANE_SIZE))
@@ -184,8 +160,8 @@ class FrameBuffers:
         self.rotation, by_first, by_second = np.empty((3, s, 3, 3))
         self._frames = kernels.FrameArrays(self.rotation, by_first, by_second, np.empty(s))
         self.angles, self.sigmas = np.empty((2, q, 3))
-        self.reasons, self.weights = np.zeros((q, 3), np.uint8), np.empty((q, p, 3, 3))
-        self._angles = kernels.Angles(self.angles, self.sigmas, self.reasons, self.weights)
+        self.weights = np.empty((q, p, 3, 3))
+        self._angles = kernels.Angles(self.angles, self.sigmas, self.weights)
 
     def read(self, xyz_world: Array, cov_world: Array) -> None:
         """Take in keypoints (K, 3) and covariances (K, 3, 3)."""
@@ -203,9 +179,7 @@ class FrameBuffers:
 
     def solve(self, planes: Array) -> None:
         """Frames and angles of the points taken in, limbs turned by `planes` (L, PLANE_SIZE)."""
-        kernels.solve_joints(
-            self.points, self.points_cov, planes, _TABLE, self.determined, self.limits, self._frames, self._angles
-        )  # fmt: skip
+        kernels.solve_joints(self.points, self.points_cov, planes, _TABLE, self.limits, self._frames, self._angles)
 
     def unwrap(self, last: Array) -> None:
         """Move the angles by whole turns to the nearest of their last values (J, 3), which are then replaced."""

@@ -165,7 +165,7 @@ class BodyTable(NamedTuple):
     pairs: (S, 5, 2) landmarks of the origin and of the ends of both vectors. axes: (S, 4) of both vectors, limb or -1, and
     whether it is the lower segment of a limb. raised: (S,) by how much a frame is turned about its own Z in the end; errors of it
     in world axes stay what they are. limb_points: (L, 3); limb_parents, bends: (L,). joint_segments: (Q, 2), -1 for the ground,
-    whose axes are `ground` (3, 3); sequence, mirrored: (Q,); sign: (Q, 3).
+    whose axes are `ground` (3, 3); sequence, mirrored: (Q,); sign: (Q, 3); determined: (Q, 3) which angles points can show.
     """
 
     pairs: Array
@@ -178,6 +178,7 @@ class BodyTable(NamedTuple):
     sequence: Array
     mirrored: Array
     sign: Array
+    determined: Array
     ground: Array
 
 
@@ -414,38 +415,36 @@ def _remember(memory, parent, y, z, var):
     memory[12] = var
 
 
-DEFINED, NOT_DETERMINED, MISSING, STRAIGHT_LIMB, GIMBAL_LOCK, UNCERTAIN = 0, 1, 2, 3, 4, 5
 ZXY, YXY, YXZ, YZX = 0, 1, 2, 3
 
 
 class Angles(NamedTuple):
-    """Filled: angles, standard deviations and reasons (Q, 3); weights (Q, P, 3, 3), d(angles)/d(points)."""
+    """Filled: angles and standard deviations (Q, 3); weights (Q, P, 3, 3), d(angles)/d(points)."""
 
     angles: Array
     sigmas: Array
-    reasons: Array
     weights: Array
 
 
 @kernel()
-def solve_joints(points, points_cov, planes, table, determined, limits, frames, out):
+def solve_joints(points, points_cov, planes, table, limits, frames, out):
     """Frames, then angles; frames whose turn is less certain than the limit become NaN afterwards."""
     segment_frames(points, planes, table, frames)
-    joint_angles(frames, points_cov, table, determined, limits, out)
+    joint_angles(frames, points_cov, table, limits, out)
     for s in range(len(frames.turn_var)):
         if frames.turn_var[s] > limits[1] * limits[1]:
             frames.rotation[s] = np.nan
 
 
 @kernel()
-def joint_angles(frames, points_cov, table, determined, limits, out):
-    """All angles, standard deviations and reasons.
+def joint_angles(frames, points_cov, table, limits, out):
+    """All angles and standard deviations.
 
     `limits`: sine below which a joint is locked, and the standard deviation from which an angle is not given.
     """
     rotation, by_first, by_second, turn_var = frames
     pairs, mirrored, sign = table.pairs, table.mirrored, table.sign
-    angles, sigmas, reasons, weights = out
+    angles, sigmas, weights = out
     relative, axes = np.empty((3, 3)), np.empty((3, 3))
     for q in range(len(table.joint_segments)):
         parent, child = table.joint_segments[q]
@@ -454,8 +453,6 @@ def joint_angles(frames, points_cov, table, determined, limits, out):
         sigmas[q] = np.nan
         weights[q] = 0.0
         if math.isnan(over[0, 0]) or math.isnan(rotation[child, 0, 0]):
-            for a in range(3):
-                reasons[q, a] = MISSING if determined[q, a] else NOT_DETERMINED
             continue
         for i in range(3):
             for j in range(3):
@@ -481,8 +478,8 @@ def joint_angles(frames, points_cov, table, determined, limits, out):
                 turn += turn_var[parent] * dot(world[a], over[:, 1]) ** 2
             angles[q, a] *= sign[q, a]
             sigmas[q, a] = math.sqrt(max(0.0, var + turn))
-            reasons[q, a] = _reason(determined[q, a], free or a == 1, sigmas[q, a], turn, limits[1])
-            if reasons[q, a] != DEFINED:
+            # in gimbal lock only the sum of the first and the last angle is known
+            if not table.determined[q, a] or not (free or a == 1) or sigmas[q, a] > limits[1]:
                 angles[q, a] = np.nan
                 sigmas[q, a] = np.nan
 
@@ -540,17 +537,6 @@ def _weighted_variance(weights, points_cov):
         if weights[p, 0] != 0.0 or weights[p, 1] != 0.0 or weights[p, 2] != 0.0:
             var += variance(points_cov[p], weights[p])
     return var
-
-
-@kernel()
-def _reason(determined, free, sigma, turn_var, limit):
-    if not determined:
-        return NOT_DETERMINED
-    if not free:
-        return GIMBAL_LOCK
-    if sigma > limit:
-        return STRAIGHT_LIMB if turn_var > 0.5 * sigma * sigma else UNCERTAIN
-    return DEFINED
 
 
 # no joint turns farther
