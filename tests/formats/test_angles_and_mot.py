@@ -11,7 +11,8 @@ from motions import columns_of
 from scipy.spatial.transform import Rotation
 
 from posefuse.core import SE3, InputError
-from posefuse.formats.mot import motion_from_joints, write_mot
+from posefuse.formats.mot import OPENSIM, motion_from_joints, write_mot
+from posefuse.kinematics import JOINTS
 from posefuse.outputs.data_files import write_angles
 
 
@@ -51,6 +52,17 @@ def test_a_motion_comes_back_under_the_names_and_signs_of_opensim(tmp_path, join
     np.testing.assert_allclose(np.stack(list(back.values())[1:], axis=1), motion.values, rtol=1e-9)
     np.testing.assert_allclose(back["hip_flexion_l"], np.degrees(joints.angle_rad[:, 1, 0, 0]), rtol=1e-9)
     np.testing.assert_allclose(back["left_knee_rotation"], np.degrees(joints.angle_rad[:, 1, 1, 2]), rtol=1e-9)
+
+
+def test_every_name_of_opensim_is_a_defined_angle_with_its_sign():
+    names, angle = [one.angle_names for one in JOINTS], np.random.default_rng(5).normal(size=(4, 1, len(JOINTS), 3))
+    joints = joint_angles(angle, joints=[one.name for one in JOINTS], angle_names=names)
+    motion = columns_of(motion_from_joints(joints).table)
+    np.testing.assert_array_equal((joints.deg, joints.sigma_deg), np.degrees((joints.angle_rad, joints.sigma_rad)))
+    for name, (joint, angle, sign) in OPENSIM.items():
+        if not name.startswith("pelvis"):
+            np.testing.assert_array_equal(motion[name], sign * joints[joint, angle].deg, err_msg=name)
+    assert OPENSIM["lumbar_extension"] == ("trunk", "flexion", -1)
 
 
 def test_the_pelvis_is_placed_by_the_turns_of_the_free_joint_of_the_models():

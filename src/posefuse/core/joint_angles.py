@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from types import MappingProxyType
 from typing import Self
 
 import numpy as np
@@ -11,7 +10,6 @@ import numpy as np
 from .arrays import Array, FrozenArrays, frozen_fields, taken
 from .errors import InputError, ShapeError, choices
 from .se3 import SE3
-from .skeleton import SIDES
 
 
 @dataclass(frozen=True, eq=False, kw_only=True, repr=False)
@@ -106,14 +104,12 @@ class JointAngles(FrozenArrays):
     def __repr__(self) -> str:
         return f"JointAngles({len(self)} time steps, person {self.person_id.tolist()}, {len(self.joints)} joints of 3 angles)"
 
-    def __getitem__(self, key: tuple[str, str] | str) -> AngleSeries:
-        """The angle (joint, angle name) of the one person in it, or the angle of a name of OpenSim, e.g. ``"pelvis_tilt"``.
+    def __getitem__(self, key: tuple[str, str]) -> AngleSeries:
+        """The angle (joint, angle name) of the one person in it.
 
         Raises:
             InputError: unknown joint or angle (the message lists the known ones), or several people: select one with `of`.
         """
-        if isinstance(key, str):
-            return self._opensim(key)
         if not (isinstance(key, tuple) and len(key) == 2):
             raise InputError(f'joint angles: expected [joint, angle], e.g. ["left_knee", "flexion"], got {key!r}')
         if len(self.person_id) != 1:
@@ -131,13 +127,6 @@ class JointAngles(FrozenArrays):
         rad, sigma_rad = self.angle_rad[:, 0, j, a], self.sigma_rad[:, 0, j, a]
         return AngleSeries(name=f"{joint} {angle}", t_s=self.t_ns * 1e-9, rad=rad, sigma_rad=sigma_rad)
 
-    def _opensim(self, name: str) -> AngleSeries:
-        if name not in OPENSIM:
-            raise InputError(f"joint angles: no angle {name!r} of OpenSim; there are: {choices(OPENSIM)}")
-        joint, angle, sign = OPENSIM[name]
-        found = self[joint, angle]
-        return replace(found, name=name, rad=sign * found.rad)
-
     def of(self, person_id: int) -> Self:
         """The angles of one person; raises InputError for an id that is not there."""
         place = np.flatnonzero(self.person_id == person_id)
@@ -150,43 +139,3 @@ class JointAngles(FrozenArrays):
 def angle_labels(joints: JointAngles, between: str) -> list[str]:
     """A name for each angle in the order of `angle_rad`: that of its joint, `between`, and its own."""
     return [f"{joint}{between}{name}" for joint, name in joints.angles]
-
-
-# Names that OpenSim uses for joint angles, as names of posefuse with a sign.
-#
-# Coordinates of the full-body models of OpenSim (Rajagopal et al. 2016): axes X forward, Y up, Z to the right, so a positive
-# rotation of the pelvis about Z tilts it backward. Sides are ``_r`` and ``_l``; flexion, adduction and internal rotation are
-# positive on both.
-
-_BOTH_SIDES = {
-    "hip_flexion": ("hip", "flexion", 1),
-    "hip_adduction": ("hip", "adduction", 1),
-    "hip_rotation": ("hip", "internal_rotation", 1),
-    "knee_angle": ("knee", "flexion", 1),
-    "ankle_angle": ("ankle", "dorsiflexion", 1),
-    "subtalar_angle": ("ankle", "inversion", 1),
-    "arm_flex": ("arm", "flexion", 1),
-    "arm_add": ("arm", "adduction", 1),
-    "arm_rot": ("arm", "internal_rotation", 1),
-    "elbow_flex": ("elbow", "flexion", 1),
-    "pro_sup": ("wrist", "pronation", 1),
-    "wrist_flex": ("wrist", "flexion", 1),
-    "wrist_dev": ("wrist", "ulnar_deviation", 1),
-}
-_TRUNK = {
-    "pelvis_tilt": ("pelvis", "tilt_forward", -1),
-    "pelvis_list": ("pelvis", "obliquity_right_down", 1),
-    "pelvis_rotation": ("pelvis", "rotation_left", 1),
-    "lumbar_extension": ("trunk", "flexion", -1),
-    "lumbar_bending": ("trunk", "bend_right", 1),
-    "lumbar_rotation": ("trunk", "rotation_left", 1),
-}
-OPENSIM = MappingProxyType(
-    _TRUNK
-    | {
-        f"{name}_{side[0]}": (f"{side}_{joint}", angle, sign)
-        for side in SIDES
-        for name, (joint, angle, sign) in _BOTH_SIDES.items()
-    }
-)
-"""OpenSim's name -> joint, angle and sign: ``angles["pelvis_tilt"]`` is minus ``angles["pelvis", "tilt_forward"]``."""
