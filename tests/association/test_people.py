@@ -6,7 +6,7 @@ import pytest
 from built import standing
 from checks import refusal
 
-from posefuse.association import Assignment, AssociateSettings, assign, associate, hints_after
+from posefuse.association import AssociateSettings, assign, associate
 from posefuse.association.candidates import (
     agreement,
     candidates_from_detections,
@@ -243,37 +243,6 @@ def test_two_views_that_meet_in_no_human_body_make_no_person(ring_rig, body):
         assert len(associate(reports, rig, AssociateSettings()).person_id) == count, "two views alone"
     reports, _ = detections(rig, giant[None])
     assert len(associate(reports, rig, AssociateSettings()).person_id) == 1, "three views agree: it is there"
-
-
-def test_tracks_of_another_tool_decide_between_two_who_fit_alike(ring_rig, body):
-    """Two people who are expected nearly in one place, and on the wrong sides of each other."""
-    rig = ring_rig(4)
-    two = crowd(body, "here", "here") + np.array([[[0.0, 0, 0]], [[0, 0, 0.2]]])
-    reports, order = detections(rig, two, t_ns=0)
-    before = built.pose(crowd(body, "here", "here") + np.array([[[0.0, 0, 0.105]], [[0, 0, 0.095]]]), [0, 1], 0)
-    right = np.array([np.argsort(who) for who in order]).T
-    settings = AssociateSettings(max_people=2)
-    misled = assign(reports, rig, settings, 0, before)
-    tracked = [replace(one, track_id=7 + who) for one, who in zip(reports, order, strict=True)]
-    hints = hints_after({}, Assignment(person_id=np.array([0, 1]), place=right), tracked)
-    assert hints == {(name, track): track - 7 for name in rig.names for track in (7, 8)}
-    found = assign(tracked, rig, settings, 0, before, hints=hints)
-    assert found.person_id.tolist() == [0, 1] and (found.place == right).all()
-    assert not (misled.place == right).all(), "without hints the poses decide"
-    renumbered = [replace(one, track_id=one.track_id + 90) for one in tracked]
-    assert (assign(renumbered, rig, settings, 0, before, hints=hints).place == misled.place).all()
-
-
-def test_a_hint_is_no_order(ring_rig, body):
-    """Tracks that the other tool mixed up do not outweigh where people are."""
-    rig = ring_rig(4)
-    two = crowd(body, "here", "beside")
-    reports, order = detections(rig, two, t_ns=0)
-    right = np.array([np.argsort(who) for who in order]).T
-    tracked = [replace(one, track_id=7 + who) for one, who in zip(reports, order, strict=True)]
-    mixed_up = hints_after({}, Assignment(person_id=np.array([0, 1]), place=right[::-1]), tracked)
-    found = assign(tracked, rig, AssociateSettings(max_people=2), 0, built.pose(two, [0, 1], 0), hints=mixed_up)
-    assert (found.place == right).all()
 
 
 def test_only_detections_whose_rays_meet_propose_a_person(ring_rig, body, monkeypatch):

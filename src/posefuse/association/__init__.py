@@ -8,7 +8,7 @@ if TYPE_CHECKING:
     from .candidates import Assignment
     from .identity import UNNAMED, Identity, persons_at, with_persons
     from .memory import Memory
-    from .people import Hints, assign, associate, hints_after
+    from .people import assign, associate
     from .settings import AssociateSettings
     from .traits import CLOTHING_TRAITS, clothing_traits, median_clothing
 

@@ -1,11 +1,10 @@
-"""Association: detections of every camera to the same people in every camera, with the labels of other programs as hints."""
+"""Association: detections of every camera to the same people in every camera."""
 
 from __future__ import annotations
 
 import itertools
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-from types import MappingProxyType
 
 import numpy as np
 from scipy.optimize import linear_sum_assignment
@@ -14,7 +13,7 @@ from posefuse.core import Detections2D, Pose3D, Rig, ShapeError, Skeleton, Views
 from posefuse.core.arrays import Array, median_apart
 from posefuse.core.duplicates import duplicates
 from posefuse.core.errors import choices
-from posefuse.core.values import NO_TRACK, UNSEEN
+from posefuse.core.values import UNSEEN
 
 from .candidates import (
     LEAST_POINTS,
@@ -46,7 +45,6 @@ def assign(
     *,
     seen_ns: Array | None = None,
     next_id: int | None = None,
-    hints: Hints = MappingProxyType({}),
 ) -> Assignment:
     """Pick, for each person, at most one detection per camera.
 
@@ -64,8 +62,6 @@ def assign(
             one out of sight is kept free for `lost_after_s`, and only a person who can be that person takes it.
         seen_ns: (N,) when each person of `previous` was last measured; None: at its time.
         next_id: newcomers get this id, the next and so on; None: the lowest free ones.
-        hints: who the tracks of another tool's tracker were lately, see `hints_after`. A detection of such a track goes to that
-            person where it fits nearly as well as another.
 
     Returns:
         Assignment: a row per person found, ordered by id. A followed person seen by a single camera has a row; a newcomer
@@ -78,9 +74,7 @@ def assign(
     candidates = candidates_from_detections(detections, rig)
     free = ~np.concatenate([duplicates(one, settings.duplicate_share) for one in detections])
     followed = _followed(previous, seen_ns, t_ns) if previous is not None and previous.skeleton == detections[0].skeleton else []
-    found = _follow(
-        candidates, free, followed, hint_weights(candidates, detections, [one.person_id for one in followed], hints), settings
-    )
+    found = _follow(candidates, free, followed, settings)
     lost = [one for one in followed if one.person_id not in found and one.age_s <= settings.lost_after_s]
     room = settings.max_people - len(found)
     if room > 0:
@@ -138,9 +132,7 @@ def _check(detections: Sequence[Detections2D], rig: Rig) -> None:
         )
 
 
-def _follow(
-    candidates: Candidates, free: Array, followed: list[_Known], hinted: Array, settings: AssociateSettings
-) -> dict[int, Array]:
+def _follow(candidates: Candidates, free: Array, followed: list[_Known], settings: AssociateSettings) -> dict[int, Array]:
     """The detections of each followed person; marks them taken."""
     found: dict[int, Array] = {}
     reach = np.array([min(_reach_m(one.age_s, settings), 4 * settings.tolerance_m) for one in followed])
@@ -149,7 +141,7 @@ def _follow(
     # how closely it fits decides between people; within reach it only can be one of them (by the same reach, IDF1 of rendered
     # people who cross and hug falls from 0.902 to 0.880)
     support, _ = agreement(candidates, expected, settings.tolerance_m)
-    support = np.where(share >= settings.min_share, support * hinted, 0.0)
+    support = np.where(share >= settings.min_share, support, 0.0)
     mine = _one_each(candidates.camera, np.where(free, support, 0.0))
     for row, person in enumerate(followed):
         members = best_per_camera(candidates, np.where(mine[row], support[row], 0.0))
@@ -181,30 +173,6 @@ def _assignment(cameras: int, candidates: Candidates, found: dict[int, Array]) -
     for row, person in enumerate(ids):
         place[row, candidates.camera[found[person]]] = candidates.place[found[person]]
     return Assignment(person_id=np.array(ids, np.int64), place=place)
-
-
-# by camera and the number of another tool's track: the person
-Hints = Mapping[tuple[str, int], int]
-# factor on the support of a detection for the person to whom it was recently assigned
-_HINT_WEIGHT = 1.3
-
-
-def hints_after(hints: Hints, assignment: Assignment, detections: Sequence[Detections2D]) -> Hints:
-    """Who the tracks of another tool's tracker are, after a time step: the person that they were last taken for."""
-    known = dict(hints)
-    for row, c in np.argwhere(assignment.place != UNSEEN):
-        track = int(detections[c].track_id[assignment.place[row, c]])
-        if track != NO_TRACK:
-            known[detections[c].camera, track] = int(assignment.person_id[row])
-    return known
-
-
-def hint_weights(candidates: Candidates, detections: Sequence[Detections2D], people: Sequence[int], hints: Hints) -> Array:
-    """(N, D) the support that each detection gives to each of `people`, changed by another tool's tracks."""
-    places = zip(candidates.camera, candidates.place, strict=True)
-    tracks = [(detections[c].camera, int(detections[c].track_id[place])) for c, place in places]
-    hinted = np.array([hints.get(track, NO_TRACK) for track in tracks])
-    return np.where(np.reshape(people, (-1, 1)) == hinted, _HINT_WEIGHT, 1.0)
 
 
 def newcomers(candidates: Candidates, free: Array, count: int, skeleton: Skeleton, settings: AssociateSettings) -> list[Array]:

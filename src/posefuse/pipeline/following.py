@@ -12,12 +12,10 @@ import numpy as np
 
 from posefuse.association import (
     AssociateSettings,
-    Hints,
     Identity,
     Memory,
     assign,
     clothing_traits,
-    hints_after,
     persons_at,
     with_persons,
 )
@@ -48,7 +46,7 @@ class Followed:
     Attributes:
         batch: what the detector found in it. person_ids: per entry of it, the person of each detection.
         views: the tracks in every camera, each at its own exposure time. pose: the fused pose.
-        clothing: (N, 9) of the people of `pose`. hints: for the next look.
+        clothing: (N, 9) of the people of `pose`.
         batches: every look of the time step, in order, once all are taken.
     """
 
@@ -57,7 +55,6 @@ class Followed:
     views: Views
     pose: Pose3D
     clothing: Array
-    hints: Hints
     batches: tuple[DetectionBatch, ...] = ()
 
 
@@ -90,7 +87,6 @@ class PeopleFollower:
         self._memory = Memory(skeleton=skeleton)
         self._identity = Identity(people_max=associating.max_people, lost_after_s=associating.lost_after_s)
         self._next_id = 0
-        self._hints: Hints = {}
         self._search_due = 0
         self._batches: list[DetectionBatch] = []
 
@@ -119,7 +115,6 @@ class PeopleFollower:
                 self._search_due = i + _SEARCH_EVERY
         self._memory = self._memory.after(seen.pose, self._associating.lost_after_s)
         self._identity = self._identity.after(seen.pose, seen.clothing)
-        self._hints = seen.hints
         self._next_id = max([self._next_id, *(seen.pose.person_id + 1).tolist()])
         return replace(seen, batches=tuple(self._batches))
 
@@ -165,15 +160,13 @@ class PeopleFollower:
                 memory.expected(step.t_ns),
                 seen_ns=memory.seen_ns,
                 next_id=self._next_id,
-                hints=self._hints,
             )
             views = assignment.views(detections, step.t_ns)
             pose = fuse(views, self.rig, self._fusing, memory.last(step.t_ns))
         place = {name: c for c, name in enumerate(self.rig.names)}
         person_ids = tuple(assignment.people_of(place[one.camera], len(one)) for one in batch.detections)
         clothing = clothing_traits(assignment, detections)
-        hints = hints_after(self._hints, assignment, detections)
-        return Followed(batch=batch, person_ids=person_ids, views=views, pose=pose, clothing=clothing, hints=hints)
+        return Followed(batch=batch, person_ids=person_ids, views=views, pose=pose, clothing=clothing)
 
 
 class FollowedLog:
