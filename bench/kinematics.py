@@ -4,7 +4,7 @@
 
 Angles are those found minus those of the reference, degrees: the laboratory's Plug-in-Gait angles from its own joint centres; the
 body model's from exact joint centres, with ideal hinges and with the settings for real people; the truth of a tracked session,
-without the whole-body fit, fitted to points and to rays. Tables on stderr, one JSON object on stdout. The laboratory part is left
+without the whole-body fit and fitted to points. Tables on stderr, one JSON object on stdout. The laboratory part is left
 out, by name, where its file is not there.
 """
 
@@ -18,10 +18,9 @@ from angle_errors import AngleError, angle_errors, joints_from_lab, poses_from_l
 from harness import DATA, DEMO, answer, arguments, exact_poses, note, tracked, truth_of
 
 from posefuse.core import JointAngles, PoseSequence, Recording
-from posefuse.evaluation.biomechanics import rays_at_joint_centres
 from posefuse.evaluation.metrics import joint_errors
 from posefuse.kinematics import JointSettings, JointTracker, joints_from_poses
-from posefuse.kinematics.body import bodies_from_poses, fit_poses, fit_views
+from posefuse.kinematics.body import bodies_from_poses, fit_poses
 
 IDEAL_HINGES = JointSettings(hinge_play_rad=0.0, turn_rate_rad_sqrt_s=20.0)
 LIMB_FLEXION = ("hip flexion", "knee flexion", "elbow flexion", "ankle dorsiflexion")
@@ -45,14 +44,12 @@ def of_truth(exact: PoseSequence, joints: JointAngles) -> dict[str, Angles]:
 def fits(recording: Recording) -> dict[str, tuple[JointAngles, PoseSequence]]:
     bodies = bodies_from_poses(recording.poses)
     points = fit_poses(recording.poses, bodies=bodies)
-    rays = fit_views(recording.poses, recording.rig, rays_at_joint_centres(recording), bodies=bodies)
     for person, body in bodies.items():
         lengths = ", ".join(f"{n} {1e3 * v.value_m:.0f} ({1e3 * v.spread_m:.0f})" for n, v in body.lengths.items())
         note(f"segment lengths of person {person}, mm (spread over time): {lengths}")
     return {
         "real network, without the whole-body fit": (joints_from_poses(recording.poses), recording.poses),
         "real network, whole-body fit to points": (points.joints, points.poses),
-        "real network, whole-body fit to rays": (rays.joints, rays.poses),
     }
 
 

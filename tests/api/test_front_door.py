@@ -159,9 +159,7 @@ def test_arguments_by_place_are_checked_as_those_by_name(make_recording: Callabl
 
 def test_a_fit_that_does_not_exist_is_refused(make_recording: Callable[..., pf.Recording], tmp_path: Path) -> None:
     """It was taken for ``rays``."""
-    refusal(
-        InputError, "joint_angles: fit: expected one of points, rays, none, got 'ray'", make_recording().joint_angles, fit="ray"
-    )
+    refusal(InputError, "joint_angles: fit: expected one of points, none, got 'ray'", make_recording().joint_angles, fit="ray")
     refusal(InputError, "report: fit: expected one of", make_recording().report, tmp_path / "report", fit="ray")
     refusal(
         InputError, "calibrate_person: clocks: expected one of", pf.calibrate_person, {}, intrinsics="rig.toml", clocks="late"

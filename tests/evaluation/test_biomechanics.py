@@ -40,7 +40,7 @@ def with_points_of(recording, *parts):
 LEGS = ("hip", "knee", "ankle", "heel", "big_toe")
 
 
-@pytest.mark.parametrize("fit", ["none", "points", "rays"])
+@pytest.mark.parametrize("fit", ["none", "points"])
 @pytest.mark.parametrize("parts", [("shoulder", *LEGS[:3]), ("shoulder", *LEGS), LEGS, LEGS[:3]], ids=len)
 def test_the_joints_whose_points_exist_are_computed_and_the_rest_is_listed(recording, tmp_path, fit, parts):
     """Networks for gait mark the legs: no elbow, hand or face, and some no shoulder."""
@@ -59,7 +59,7 @@ def test_the_joints_whose_points_exist_are_computed_and_the_rest_is_listed(recor
     assert ("pelvis" in line) == ("shoulder" not in parts)
 
 
-@pytest.mark.parametrize("fit", ["none", "points", "rays"])
+@pytest.mark.parametrize("fit", ["none", "points"])
 def test_every_file_has_the_same_values(recording, tmp_path, fit):
     chosen = BiomechanicsSettings(fit=fit)
     made = write_biomechanics(recording, tmp_path, chosen)

@@ -1,5 +1,7 @@
 """Feet that stand neither move nor sink: which do, what that does to a fit, and what it says of its certainty."""
 
+from dataclasses import replace
+
 import built
 import numpy as np
 import pytest
@@ -9,6 +11,7 @@ from posefuse.core import PoseSequence
 from posefuse.core.skeleton import ANATOMICAL23
 from posefuse.kinematics.body import BodySettings, bodies_from_poses, fit_views
 from posefuse.kinematics.body.contacts import contacts_of
+from posefuse.tracking import usual_lengths
 
 RATE_HZ, SIGMA_PX, SIGMA_M = 20.0, 1.5, 0.006
 SOLES = tuple(f"{side}_{part}" for side in ("left", "right") for part in ("heel", "big_toe"))
@@ -30,7 +33,12 @@ def poses(walker) -> PoseSequence:
 def fits(poses, walker, ring_rig):
     rig, exact = ring_rig(4), built.poses(walker, SIGMA_M, RATE_HZ, ANATOMICAL23)
     views = built.noisy_views(rig, exact, SIGMA_PX, 2, sigma_px=SIGMA_PX)
-    return {name: fit_views(poses, rig, views, chosen).poses for name, chosen in {"stand": None, "loose": LOOSE}.items()}
+    fits = {}
+    for name, chosen in {"stand": BodySettings(), "loose": LOOSE}.items():
+        # written where the poses lie
+        own = replace(poses, **built.arrays_of(poses, np.array))
+        fits[name] = fit_views(own, rig, views, chosen, usual_lengths()).poses
+    return fits
 
 
 def standing(walker) -> np.ndarray:

@@ -185,7 +185,7 @@ def test_views_of_landmarks_become_views_of_joint_centres(ring_rig) -> None:
     known[2, 1, knee] = np.nan
     score = np.isfinite(seen[..., 0]) * 1.0
     recording = recording_from_views(rig, replace(centres, xyz_world=known), mixed, score, np.where(score > 0, 2.0, np.nan))
-    rays = ViewsAtJointCentres(recording.poses, recording.rig, recording.views_in_parts, SHIPPED)
+    rays = ViewsAtJointCentres(recording.poses, recording.rig, recording.views, SHIPPED)
     moved = rays.part(slice(None))
     known_px = np.isfinite(seen[..., 0])
     known_px[2, 1] = False  # the thigh's directions are unknown there

@@ -70,7 +70,7 @@ def joint_angles_of(value: core.JointAngles) -> JointAngles:
     return JointAngles(**{field.name: getattr(value, field.name) for field in fields(core.JointAngles)})
 
 
-Fit = Literal["points", "rays", "none"]
+Fit = Literal["points", "none"]
 # outputs of the 3D result alone
 _WITHOUT_DETECTIONS = ("trc", "c3d", "csv")
 
@@ -161,8 +161,8 @@ class Recording(core.Recording):
         """Segment frames and joint angles (ISB) with their standard deviations.
 
         Args:
-            fit: ``points`` fits one skeleton of constant lengths per person to the 3D points, ``rays`` to what the cameras saw,
-                ``none`` takes the angles straight from the points.
+            fit: ``points`` fits one skeleton of constant lengths per person to the 3D points, ``none`` takes the angles straight
+                from them.
 
         Raises:
             InputError: left and right of a person are swapped, or no person was seen well enough.

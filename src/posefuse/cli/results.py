@@ -31,7 +31,7 @@ def report(
     /,
     *,
     out: Annotated[Path | None, Parameter(metavar="FOLDER")] = None,
-    fit: Literal["none", "points", "rays"] = "points",
+    fit: Literal["none", "points"] = "points",
     title: Annotated[str | None, Parameter(metavar="TEXT")] = None,
     opensim_model: Annotated[Path | None, Parameter(metavar="OSIM")] = None,
     terminal: Shown,
@@ -41,11 +41,11 @@ def report(
     Args:
         result: Folder written by `posefuse track`, or the .mcap of `posefuse live --record`.
         out: Folder for the files (default DIR/biomechanics, or NAME_biomechanics for NAME.mcap).
-        fit: Fit one skeleton of constant lengths to the 3D points, to the rays of all views, or not at all.
+        fit: Fit one skeleton of constant lengths to the 3D points, or not at all.
         title: Title of the page (default: Motion report).
         opensim_model: Scale your OpenSim model to each person and run inverse kinematics on it (extra: biomech).
     """
-    recording = pf.read(result, observed=fit == "rays")
+    recording = pf.read(result, observed=False)
     with terminal.stages() as progress:
         made = recording.report(out, fit=fit, opensim_model=opensim_model, title=title, progress=progress)
     page = next(path for path in made if path.name == "report.html")

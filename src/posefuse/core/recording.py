@@ -75,12 +75,8 @@ class Recording:
     @cached_property
     def views(self) -> ViewSequence:
         """What each camera saw of the people at the times of the poses, see `views_over_time`."""
-        return self.views_in_parts.part(slice(None))
-
-    @property
-    def views_in_parts(self) -> ViewsInParts:
-        """`views`, made for a part of the time steps when it is asked for: all of an hour takes much memory."""
-        return ViewsInParts(self.observations, self.poses.person_id.tolist(), self.poses.t_ns if self.is_live else None)
+        t_ns = self.poses.t_ns if self.is_live else None
+        return ViewsInParts(self.observations, self.poses.person_id.tolist(), t_ns).part(slice(None))
 
 
 def person_name(names: Sequence[str], person: int) -> str:

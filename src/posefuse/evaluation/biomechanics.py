@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import Literal
@@ -13,23 +12,20 @@ from posefuse.core import InputError, JointAngles, PoseSequence, Progress, Recor
 from posefuse.core.arrays import Array
 from posefuse.core.poses import evenly_spaced, point_sigma_m
 from posefuse.core.skeleton import SIDES
-from posefuse.core.view_sequences import PartsOfViews
 from posefuse.formats.bvh import write_bvh
 from posefuse.formats.c3d import C3dData, C3dEvent, write_c3d
 from posefuse.formats.gltf import write_gltf
-from posefuse.formats.joint_centres import joint_centres_from_mapping
 from posefuse.formats.mot import motion_from_joints, write_mot
 from posefuse.foundation.settings import settings
 from posefuse.kinematics import joints_from_poses, undefined_segments
 from posefuse.kinematics.animation import animation_from_joints
-from posefuse.kinematics.body import bodies_from_poses, fit_poses, fit_views
+from posefuse.kinematics.body import bodies_from_poses, fit_poses
 from posefuse.kinematics.definitions import joints_without_points
 from posefuse.kinematics.gait import Gait, gait_from_poses
 from posefuse.kinematics.opensim_scale import opensim_library, scaled_motion
 from posefuse.kinematics.skin import skin_of
 from posefuse.outputs.data_files import write_angles
 from posefuse.outputs.provenance import duration_s, person_suffix
-from posefuse.tracking import ViewsAtJointCentres
 
 from .gait_cycles import gait_cycles, write_gait_cycles
 from .report import TITLE, write_report
@@ -43,14 +39,13 @@ class BiomechanicsSettings:
     """What is made of a recording.
 
     Attributes:
-        fit: ``points`` fits one skeleton per person to the 3D points; ``rays`` to what the views saw, brought to joint centres
-            (`rays_at_joint_centres`), so that one camera still counts; ``none`` takes the angles straight from the points, as
-            do all where the skeleton has no hips or no shoulders.
+        fit: ``points`` fits one skeleton per person to the 3D points; ``none`` takes the angles straight from the points, as
+            both do where the skeleton has no hips or no shoulders.
         opensim_model: an .osim of the user's own to scale to each person and to run inverse kinematics on; needs the extra
             ``biomech``.
     """
 
-    fit: Literal["none", "points", "rays"] = "points"
+    fit: Literal["none", "points"] = "points"
     opensim_model: Path | None = None
 
 
@@ -62,11 +57,7 @@ def joints_of(recording: Recording, chosen: BiomechanicsSettings) -> tuple[PoseS
     """
     if not _is_fitted(recording.poses.skeleton, chosen):
         return recording.poses, joints_from_poses(recording.poses)
-    if chosen.fit == "points":
-        fit = fit_poses(recording.poses)
-    else:
-        views = rays_at_joint_centres(recording)
-        fit = fit_views(recording.poses, recording.rig, views)
+    fit = fit_poses(recording.poses)
     return fit.poses, fit.joints
 
 
@@ -75,22 +66,13 @@ def how_angles_are_made(skeleton: Skeleton, chosen: BiomechanicsSettings) -> str
     if not _is_fitted(skeleton, chosen):
         return "straight from the 3D points of the result"
     return (
-        f"of one skeleton of constant segment lengths per person, fitted to the {chosen.fit} of the result, which smooths them; "
+        "of one skeleton of constant segment lengths per person, fitted to the points of the result, which smooths them; "
         "`posefuse report --fit none` takes them straight from the 3D points"
     )
 
 
 def _is_fitted(skeleton: Skeleton, chosen: BiomechanicsSettings) -> bool:
     return chosen.fit != "none" and "pelvis" not in undefined_segments(skeleton)
-
-
-def rays_at_joint_centres(recording: Recording) -> PartsOfViews:
-    """The recording's views so that they lead where its 3D lies, by its provenance's offsets; unchanged where it has none."""
-    stored = recording.provenance.get("joint_centres")
-    if not isinstance(stored, Mapping):
-        return recording.views_in_parts
-    table = joint_centres_from_mapping(stored, "provenance: joint_centres")
-    return ViewsAtJointCentres(recording.poses, recording.rig, recording.views_in_parts, table)
 
 
 def write_biomechanics(

@@ -217,7 +217,7 @@ def fit_bodies_in_place(
         start = poses.people(alone)
         rays = ViewsAtJointCentres(start, rig, views.people(alone), centres)
         try:
-            fit = fit_views(start, rig, rays, settings, lengths=usual_lengths(), in_place=True)
+            fit = fit_views(start, rig, rays, settings, usual_lengths())
         except InputError:  # this person has no skeleton, or left and right are swapped
             continue
         fitted += sorted(fit.bodies)

@@ -69,26 +69,20 @@ def fit_views(
     sequence: PoseSequence,
     rig: Rig,
     views: PartsOfViews,
-    settings: BodySettings | None = None,
-    bodies: Mapping[int, BodyModel] | None = None,
-    lengths: LengthPrior | None = None,
-    *,
-    in_place: bool = False,
+    settings: BodySettings,
+    lengths: LengthPrior,
 ) -> BodyFit:
     """Fit each person's skeleton directly to the rays of all views: a joint seen by one camera still counts.
 
     `views` are of the people and times of `sequence`, whose points are where rays start. Segment lengths start as medians over
-    time. With `lengths` as a prior they are then solved together with poses (`with_solved_lengths`), and a shoulder or hip
-    without any 3D is no obstacle (`with_stand_ins`). Raises as `fit_poses`.
+    time and are then solved together with poses (`with_solved_lengths`, with the prior `lengths`); a shoulder or hip without any
+    3D is no obstacle (`with_stand_ins`). Raises as `fit_poses`.
 
-    With `in_place` the poses are written where those of `sequence` lie, which nothing may read any more, and the joints are of
-    no person: of an hour, each takes much memory.
+    Poses are written where those of `sequence` lie, which nothing may read any more, and the joints are of no person: of an
+    hour, each takes much memory.
     """
-    settings = settings or BodySettings()
     projections, work = rig.projections(), FrameBuffers(sequence.skeleton)
-    start = sequence if lengths is None else with_stand_ins(sequence, lengths)
-    if bodies is None:
-        bodies = bodies_from_poses(start)
+    start = with_stand_ins(sequence, lengths)
     near_world = nearest_in_time(start.xyz_world.copy(), sequence.skeleton)
 
     def seen_by(view: Views, i: int, n: int, at: Array) -> Measurement:
@@ -100,22 +94,21 @@ def fit_views(
     def views_from(first: int) -> ViewSequence:
         return views.part(slice(first, first + _BLOCK_STEPS))
 
-    if lengths is not None:
-        steps = np.unique(np.linspace(0, len(sequence) - 1, settings.length_steps).astype(int)).tolist()
-        places = {person: n for n, person in enumerate(sequence.person_id.tolist())}
-        spread = [(i, views.part(slice(i, i + 1)).at(0)) for i in steps]
-        bodies = {
-            person: with_solved_lengths(
-                body, [seen_by(view, i, places[person], body.keypoint) for i, view in spread], lengths, settings, work
-            )
-            for person, body in bodies.items()
-        }
+    steps = np.unique(np.linspace(0, len(sequence) - 1, settings.length_steps).astype(int)).tolist()
+    places = {person: n for n, person in enumerate(sequence.person_id.tolist())}
+    spread = [(i, views.part(slice(i, i + 1)).at(0)) for i in steps]
+    bodies = {
+        person: with_solved_lengths(
+            body, [seen_by(view, i, places[person], body.keypoint) for i, view in spread], lengths, settings, work
+        )
+        for person, body in bodies_from_poses(start).items()
+    }
 
     def measured(i: int, n: int, at: Array) -> Measurement:
         place = i % _BLOCK_STEPS
         return seen_by(views_from(i - place).at(place), i, n, at)
 
-    return _fit(sequence, measured, settings, bodies, work, by_rays=True, in_place=in_place)
+    return _fit(sequence, measured, settings, bodies, work, by_rays=True)
 
 
 def _rays_of(rig: Rig, xy_img: Array, score: Array, sigma_px: Array) -> tuple[Array, Array]:
@@ -185,10 +178,9 @@ def _fit(
     work: FrameBuffers,
     *,
     by_rays: bool = False,
-    in_place: bool = False,
 ) -> BodyFit:
-    """Fit each person; `BodyFit.bodies` are those of people who could be fitted at any time."""
-    written, fitted = _Written(sequence, settings, in_place=in_place), {}
+    """Fit each person, by rays in place; `BodyFit.bodies` are those of people who could be fitted at any time."""
+    written, fitted = _Written(sequence, settings, in_place=by_rays), {}
     for n, person in enumerate(sequence.person_id.tolist()):
         if person not in bodies:
             continue
