@@ -27,7 +27,7 @@ from posefuse.foundation.summary import Block, Heading, Note, Table
 from .arguments import checked, shown
 
 EXTRAS = {
-    "data": "xarray, pandas, plots",
+    "data": "pandas, plots",
     "studio": "page in the browser",
     "sim": "simulator",
     "viewer": "Rerun viewer and recordings",

@@ -19,10 +19,8 @@ from .rig_and_detector import Rig, rig_of
 
 if TYPE_CHECKING:
     import pandas as pd
-    import xarray as xr
     from matplotlib.axes import Axes
     from pandas import DataFrame
-    from xarray import Dataset
 
     from posefuse.kinematics.gait import Gait
     from posefuse.pipeline.edits import Edits
@@ -41,12 +39,6 @@ class JointAngles(core.JointAngles):
         >>> angles["left_knee", "flexion"].deg.max()  # doctest: +SKIP
         >>> angles.to_dataframe().groupby(["joint", "angle"]).deg.max()  # doctest: +SKIP
     """
-
-    def to_xarray(self) -> Dataset:
-        """Angles and their standard deviations in radians, axes time, person, angle; needs the extra ``data``."""
-        from posefuse.formats.labelled import angles_to_xarray
-
-        return angles_to_xarray(self)
 
     def to_dataframe(self) -> DataFrame:
         """One row per time step, person and angle: time_s, person, joint, angle, deg, sigma_deg; needs the extra ``data``."""
@@ -377,19 +369,6 @@ class Recording(core.Recording):
         chosen = BiomechanicsSettings(fit=fit, opensim=opensim, opensim_model=model)
         with shown(progress) as report, compiling("joint angles", lambda line: report("angles", 0, None, line)):
             return write_report_folder(self, self.path, Path(place), chosen, title=title, progress=report)
-
-    @checked
-    def to_xarray(self, *, angles: bool = False) -> xr.Dataset:
-        """Positions with covariance (and, with `angles`, joint angles) as an xarray Dataset with named axes and units.
-
-        The angles are those of these positions, ``joint_angles(fit="none")``: of the fitted skeleton, whose angles differ by
-        some degrees, they are ``joint_angles().to_xarray()``.
-
-        Axes: time, person, keypoint, space. ``recording.to_xarray().to_netcdf(path)`` keeps everything.
-        """
-        from posefuse.formats.labelled import recording_to_xarray
-
-        return recording_to_xarray(self, self.joint_angles(fit="none") if angles else None)
 
     def to_dataframe(self) -> pd.DataFrame:
         """One row per time step, person and keypoint.
