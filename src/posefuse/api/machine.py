@@ -27,7 +27,7 @@ from posefuse.foundation.summary import Block, Heading, Note, Table
 from .arguments import checked, shown
 
 EXTRAS = {
-    "data": "pandas, plots",
+    "data": "tables of pandas",
     "studio": "page in the browser",
     "sim": "simulator",
     "viewer": "Rerun viewer and recordings",

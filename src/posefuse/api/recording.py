@@ -1,4 +1,4 @@
-"""A recording and its joint angles: the result of tracking, to plot, save and solve again."""
+"""A recording and its joint angles: the result of tracking, to save and solve again."""
 
 from __future__ import annotations
 
@@ -19,7 +19,6 @@ from .rig_and_detector import Rig, rig_of
 
 if TYPE_CHECKING:
     import pandas as pd
-    from matplotlib.axes import Axes
     from pandas import DataFrame
 
     from posefuse.kinematics.gait import Gait
@@ -45,16 +44,6 @@ class JointAngles(core.JointAngles):
         from posefuse.formats.labelled import angles_to_dataframe
 
         return angles_to_dataframe(self)
-
-    def plot(self, joint: str, angle: str, *, axes: Axes | None = None) -> Axes:
-        """Draw one angle in degrees over time with a band of two standard deviations; needs the extra ``data``.
-
-        Raises:
-            InputError: no such joint or angle, or several people: select one with `of`.
-        """
-        from posefuse.outputs.plots import plot_angle
-
-        return plot_angle(self[joint, angle], axes)
 
 
 def joint_angles_of(value: core.JointAngles) -> JointAngles:
@@ -378,25 +367,6 @@ class Recording(core.Recording):
         from posefuse.formats.labelled import recording_to_dataframe
 
         return recording_to_dataframe(self)
-
-    @checked
-    def plot(self, name: str, angle: str | None = None, *, person: int | None = None, axes: Any = None) -> Axes | list[Axes]:
-        """Draw a keypoint (three axes: x, y, z) or a joint angle over time with a band of two standard deviations.
-
-        Args:
-            name: a keypoint, or a joint when `angle` is given: ``plot("left_wrist")``, ``plot("left_knee", "flexion")``.
-            person: id; left out where there is one person.
-            axes: matplotlib axes to draw into.
-
-        Raises:
-            InputError: no such keypoint, joint, angle or person.
-        """
-        from posefuse.outputs.plots import person_place, plot_angle, plot_keypoint
-
-        if angle is None:
-            return plot_keypoint(self, name, person, axes)
-        person_id = int(self.poses.person_id[person_place(self, person)])
-        return plot_angle(self.joint_angles().of(person_id)[name, angle], axes)
 
     def view(self, *, session: str | Path | None = None, progress: Progress | bool | None = None) -> Path | None:
         """Open the Rerun viewer on it and wait until it is closed; needs the extra ``viewer``.
