@@ -39,7 +39,6 @@ EXTRAS = {
     "oak": "depth cameras of Luxonis",
     "onnx": "networks through ONNX Runtime",
     "gpu": "networks on a graphics card of NVIDIA",
-    "h5": "2D poses in HDF5",
     "cluster": "batch on a Dask cluster",
 }
 
