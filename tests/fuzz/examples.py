@@ -101,16 +101,6 @@ def _long_csv(folder: Path) -> None:
     (folder / "a.csv").write_text("\n".join(lines) + "\n")
 
 
-def _mvnx(folder: Path) -> None:
-    labels = ("Pelvis", "RightUpperLeg", "RightLowerLeg", "T8")
-    segments = "".join(f'<segment label="{label}" id="{i + 1}"/>' for i, label in enumerate(labels))
-    frames = "".join(
-        f'<frame time="{i * 10}" type="normal"><position>{" ".join(str(i + j) for j in range(12))}</position></frame>'
-        for i in range(12)
-    )
-    (folder / "a.mvnx").write_text(f"<mvnx><subject><segments>{segments}</segments><frames>{frames}</frames></subject></mvnx>")
-
-
 def _recording(folder: Path) -> None:
     poses = built.poses(np.resize(XYZ[:8, None], (8, 1, 17, 3)), rate_hz=30.0)
     write_recording(folder, built.recording(read_rig(DEMO / "rig.toml"), poses, made="by the fuzz stage"))
@@ -223,7 +213,6 @@ EXAMPLES: dict[str, Example] = {
     "BVH": Example("a.bvh", _bvh, lambda path: read_bvh(path).world()),
     "CSV wide": Example("a.csv", _wide_csv, read_tracks),
     "CSV long": Example("a.csv", _long_csv, read_tracks),
-    "MVNX": Example("a.mvnx", _mvnx, read_tracks),
     "recording.npz": Example("recording.npz", _recording, _read_result),
     "recording.json": Example("recording.json", _recording, _read_result),
     "truth.npz": _copied(DEMO / "truth" / "truth.npz", read_truth),

@@ -37,7 +37,7 @@ def compare(
     are compared as they are: a person who walks to and fro looks much the same turned by half a turn.
 
     Args:
-        a: a recording, a result folder, or a file of another system: TRC, C3D, CSV, MVNX.
+        a: a recording, a result folder, or a file of another system: TRC, C3D, CSV.
         b: the same.
         person: id in posefuse recordings; None: of one calibration the one that both have, else the one seen longest.
         align_time: find the offset in time.
