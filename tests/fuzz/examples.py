@@ -87,17 +87,9 @@ def _bvh(folder: Path) -> None:
     write_bvh(folder / "a.bvh", BvhData(**bones, **motion, frame_s=0.02))
 
 
-def _wide_csv(folder: Path) -> None:
+def _csv(folder: Path) -> None:
     lines = ["t_s," + ",".join(f"{name}_{axis}" for name in NAMES for axis in "xyz")]
     lines += [f"{t:.4f}," + ",".join(f"{v:.4f}" for v in row.ravel()) for t, row in zip(T_S, XYZ, strict=True)]
-    (folder / "a.csv").write_text("\n".join(lines) + "\n")
-
-
-def _long_csv(folder: Path) -> None:
-    lines = ["t_s,person,keypoint,x_m,y_m,z_m"]
-    for t, row in zip(T_S, XYZ, strict=True):
-        points = [f"{name},{x:.4f},{y:.4f},{z:.4f}" for name, (x, y, z) in zip(NAMES, row, strict=True)]
-        lines += [f"{t:.4f},{person},{point}" for person in (0, 3) for point in points]
     (folder / "a.csv").write_text("\n".join(lines) + "\n")
 
 
@@ -211,8 +203,7 @@ EXAMPLES: dict[str, Example] = {
     "TRC": Example("a.trc", _trc, read_trc),
     "C3D": Example("a.c3d", _c3d, read_c3d),
     "BVH": Example("a.bvh", _bvh, lambda path: read_bvh(path).world()),
-    "CSV wide": Example("a.csv", _wide_csv, read_tracks),
-    "CSV long": Example("a.csv", _long_csv, read_tracks),
+    "CSV": Example("a.csv", _csv, read_tracks),
     "recording.npz": Example("recording.npz", _recording, _read_result),
     "recording.json": Example("recording.json", _recording, _read_result),
     "truth.npz": _copied(DEMO / "truth" / "truth.npz", read_truth),
@@ -229,7 +220,7 @@ EXAMPLES: dict[str, Example] = {
     "MCAP": Example("a.mcap", _mcap, _read_mcap),
     "compare TRC": Example("a.trc", _compared(_trc)),
     "compare C3D": Example("a.c3d", _compared(_c3d)),
-    "compare CSV": Example("a.csv", _compared(_wide_csv)),
+    "compare CSV": Example("a.csv", _compared(_csv)),
     "report, recording": Example("recording.npz", _recording),
     "report, rig": Example("rig.toml", _recording),
     "export, observations": Example("observations.npz", _recording),
