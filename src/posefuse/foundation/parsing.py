@@ -56,7 +56,7 @@ def parse_json(where: str, text: str | bytes, error: type[InputError] = InputErr
         raise error(f"{where}: cannot be parsed as JSON ({one_line(problem)})") from None
 
 
-def parse_yaml(where: str, text: str, error: type[InputError] = InputError, loader: type | None = None) -> Any:
+def parse_yaml(where: str, text: str, error: type[InputError] = InputError) -> Any:
     """The value of a YAML text with at most `MOST_YAML_VALUES` values, aliases counted each time they are used.
 
     Raises:
@@ -65,7 +65,7 @@ def parse_yaml(where: str, text: str, error: type[InputError] = InputError, load
     import yaml  # the help of no command needs it
 
     try:
-        value = yaml.load(text, Loader=loader or yaml.SafeLoader)
+        value = yaml.safe_load(text)
         count = _value_count(value, {})
     except (yaml.YAMLError, ValueError, TypeError, AttributeError, RecursionError, OverflowError) as problem:
         raise error(f"{where}: cannot be parsed as YAML ({one_line(problem)})") from None
