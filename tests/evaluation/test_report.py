@@ -70,7 +70,7 @@ def test_the_page_states_session_rig_and_version(read_page, tmp_path, ring_rig):
     about = dict(page.tables[0])
     assert page.headings[0] == "Knee study <b>" and about["session"] == "trial <3>"
     assert recording.rig.id[:12] in about["rig"] and "4 cameras" in about["rig"] and about["version"] == f"posefuse {__version__}"
-    assert "1 & <2>" in page.text and len(page.images) == 1
+    assert "1 & <2>" in page.text
 
 
 def test_a_refused_calibration_is_stated(read_page, tmp_path, ring_rig):

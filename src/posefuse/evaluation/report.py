@@ -24,7 +24,6 @@ from posefuse.formats.page import (
     Details,
     Facts,
     Heading,
-    Images,
     Line,
     Note,
     Page,
@@ -78,19 +77,6 @@ def quality_rows(recording: Recording, person: int) -> list[list[Any]]:
 def camera_rows(fits: Mapping[str, Mapping[str, float]]) -> list[list[Any]]:
     """Rows under `CAMERA_COLUMNS` of the fields of `health.recorded.CameraFit`, by camera."""
     return [[name, f"{one['seen']:.0%}", f"{one['left_out']:.0%}", one["reproj_px"], one["sigmas"]] for name, one in fits.items()]
-
-
-def views_picture(recording: Recording, person: int) -> Array:
-    """(K, T', 3) uint8 RGB: how many cameras each keypoint was made from over time; at most 900 columns."""
-    views = recording.poses.n_views[:, person].astype(float)
-    step = max(1, -(-len(views) // 900))
-    padded = np.pad(views, ((0, -len(views) % step), (0, 0)), mode="edge") if len(views) else views
-    share = padded.reshape(-1, step, views.shape[1]).mean(axis=1).T / max(1, len(recording.rig))
-    none, all_ = np.array([214.0, 84.0, 60.0]), np.array([38.0, 112.0, 150.0])
-    few = np.array([244.0, 226.0, 170.0])
-    low = none + (few - none) * np.clip(share * 2, 0, 1)[..., None]
-    picture = low + (all_ - few) * np.clip(share * 2 - 1, 0, 1)[..., None]
-    return np.asarray(np.clip(picture, 0, 255).astype(np.uint8))
 
 
 def _share(mask: Array) -> float:
@@ -232,20 +218,9 @@ def _person(recording: Recording, joints: JointAngles, n: int) -> list[Block]:
         Plots(time_plots(joints, n, gait, BAND_SIGMAS), small=True),
         Heading("Range of motion over the whole recording", level=3),
         range_table(joints, n),
-        *_quality(recording, n, name),
+        Heading(f"{name}: quality of the data", "How often each keypoint was measured, by how many cameras, and how precisely."),
+        Table(QUALITY_COLUMNS, quality_rows(recording, n)),
     ]
-
-
-def _quality(recording: Recording, n: int, name: str) -> list[Block]:
-    picture = views_picture(recording, n)
-    rows = Table(QUALITY_COLUMNS, quality_rows(recording, n))
-    blocks: list[Block] = [
-        Heading(f"{name}: quality of the data", "How often each keypoint was measured, by how many cameras, and how precisely.")
-    ]
-    if picture.size:
-        caption = "Cameras used per keypoint (rows, in the order of the table) over time: red none, blue all."
-        blocks.append(Images({caption: picture}, raster=True))
-    return [*blocks, rows]
 
 
 def _text(value: Any) -> str:
