@@ -1,4 +1,4 @@
-"""Output ``rerun``: a recording for the Rerun viewer (extra `viewer`): cameras, images, skeletons, uncertainty, plots.
+"""Output ``rerun``: a recording for the Rerun viewer (extra `viewer`): cameras, images, skeletons, uncertainty.
 
 The first part is what every Rerun view shows alike, the live one too. Rerun puts pixel centres at halves, posefuse at integers:
 every 2D position is moved by half a pixel here.
@@ -7,7 +7,6 @@ every 2D position is moved by half a pixel here.
 from __future__ import annotations
 
 import importlib.util
-import json
 import subprocess
 import sys
 import tempfile
@@ -21,7 +20,6 @@ from annotated_types import Ge, Le
 
 from posefuse.core import Camera, DependencyError, Frame, Recording, Skeleton
 from posefuse.core.arrays import Array
-from posefuse.core.poses import point_sigma_m
 from posefuse.core.se3 import wxyz_from_matrix
 from posefuse.foundation.output_file import atomic_file, check_space
 from posefuse.foundation.platform import display
@@ -29,7 +27,6 @@ from posefuse.foundation.settings import settings
 
 from .drawing import DETECTION_RGB, bone_colours, jpeg_of, keypoint_colours, shrunk, shrunk_wh
 from .frames import Frames, FrameSets, ImageOutput, ShowStep, write_outputs
-from .provenance import provenance
 
 if TYPE_CHECKING:
     import rerun as rr
@@ -170,13 +167,13 @@ def log_detections(stream: rr.RecordingStream, camera: str, xy_img: Array, rgb: 
     stream.log(f"{camera_path(camera)}/detections", points)
 
 
-def session_blueprint(names: Sequence[str], below: Sequence[Any]) -> rr.blueprint.Blueprint:
-    """3D on the left, all cameras on the right, plots and texts below."""
+def session_blueprint(names: Sequence[str], below: Sequence[Any] = ()) -> rr.blueprint.Blueprint:
+    """3D on the left, all cameras on the right; `below`: at most one view below them."""
     import rerun.blueprint as rrb
 
     views = (rrb.Spatial2DView(origin=camera_path(name), contents=["$origin/**"], name=name) for name in names)
     above = rrb.Horizontal(rrb.Spatial3DView(origin="world", name="3D"), rrb.Grid(*views), column_shares=[3, 4])
-    return rrb.Blueprint(rrb.Vertical(above, rrb.Horizontal(*below), row_shares=[3, 1]), collapse_panels=True)
+    return rrb.Blueprint(rrb.Vertical(above, *below, row_shares=[3, 1][: 1 + len(below)]), collapse_panels=True)
 
 
 def ellipsoid_axes(cov: Array) -> tuple[Array, Array]:
@@ -210,7 +207,7 @@ class RerunSink(ImageOutput):
 
     @contextmanager
     def showing(self, recording: Recording, path: Path) -> Iterator[ShowStep]:
-        """What never changes is logged at once, plots as whole columns, and the rest step by step."""
+        """What never changes is logged at once, and the rest step by step."""
         check_rerun()
         import rerun as rr
 
@@ -219,7 +216,7 @@ class RerunSink(ImageOutput):
         with atomic_file(path) as staged:
             try:
                 check_room(staged)
-                stream.save(staged, default_blueprint=session_blueprint(recording.rig.names, _below()))
+                stream.save(staged, default_blueprint=session_blueprint(recording.rig.names))
                 yield _Logged(stream, recording, self.image_px, staged).step
             finally:
                 stream.disconnect()
@@ -256,8 +253,6 @@ class _Logged:
         self._stream, self._recording, self._image_px, self._file = stream, recording, image_px, file
         self._cameras = [_shown(camera, image_px) for camera in recording.rig]
         log_cameras(stream, self._cameras)
-        self._log_about()
-        self._log_plots()
 
     def step(self, i: int, frames: Frames) -> None:
         """One time step; raises InputError where the disk is nearly full."""
@@ -270,28 +265,6 @@ class _Logged:
             log_name(self._stream, path, self._recording.person_names[n], poses.xyz_world[i, n])
         for c, frame in enumerate(frames):
             self._log_view(i, c, frame)
-
-    def _log_about(self) -> None:
-        import rerun as rr
-
-        about = json.dumps(provenance(self._recording), indent=2, default=str)
-        self._stream.log("about", rr.TextDocument(f"```json\n{about}\n```", media_type="text/markdown"), static=True)
-
-    def _log_plots(self) -> None:
-        import rerun as rr
-
-        poses = self._recording.poses
-        times = rr.TimeColumn(TIMELINE, duration=poses.t_ns / 1e9)
-        for n, person in enumerate(poses.person_id):
-            series = {
-                "reprojection_px": _mean_over_keypoints(poses.reproj_px[:, n]),
-                "views": poses.n_views[:, n].mean(axis=1),
-                "sigma_mm": _mean_over_keypoints(point_sigma_m(poses.cov_world[:, n])) * 1000,
-            }
-            for name, values in series.items():
-                path = f"plots/{name}/person_{person}"
-                self._stream.log(path, rr.SeriesLines(names=self._recording.person_names[n]), static=True)
-                self._stream.send_columns(path, [times], rr.Scalars.columns(scalars=values))
 
     def _log_view(self, i: int, c: int, frame: Frame | None) -> None:
         import rerun as rr
@@ -308,25 +281,6 @@ class _Logged:
         log_projection(self._stream, camera, recording.poses.skeleton, recording.poses.xyz_world[i])
 
 
-def _below() -> list[Any]:
-    """Plots and texts under the views."""
-    import rerun.blueprint as rrb
-
-    return [
-        rrb.TimeSeriesView(origin="plots/reprojection_px", name="reprojection error, px"),
-        rrb.TimeSeriesView(origin="plots/views", name="views per keypoint"),
-        rrb.TimeSeriesView(origin="plots/sigma_mm", name="standard deviation, mm"),
-        rrb.TextDocumentView(origin="about", name="about"),
-    ]
-
-
 def _shown(camera: Camera, longest_px: int) -> Camera:
     """The camera for the stored images, never enlarged."""
     return camera.scaled(shrunk_wh(camera.size_wh, longest_px)) if longest_px else camera
-
-
-def _mean_over_keypoints(values: Array) -> Array:
-    """(T,) mean over what is there; NaN where nothing is."""
-    there = np.isfinite(values)
-    count = there.sum(axis=1)
-    return np.where(count > 0, np.where(there, values, 0).sum(axis=1) / np.maximum(count, 1), np.nan)
