@@ -77,7 +77,7 @@ def _compared(make: Callable[[Path], object]) -> Callable[[Path], object]:
 def _c3d(folder: Path) -> None:
     points = {"names": NAMES, "xyz_world": XYZ, "sigma_m": np.full(XYZ.shape[:2], 0.01), "rate_hz": 30.0}
     angles = {"angle_names": ("knee",), "angle_rad": np.zeros((len(XYZ), 1, 3))}
-    write_c3d(folder / "a.c3d", C3dData(**points, **angles, about={"VERSION": "1"}))
+    write_c3d(folder / "a.c3d", C3dData(**points, **angles))
 
 
 def _bvh(folder: Path) -> None:
