@@ -22,14 +22,13 @@ Make = Callable[..., Recording]
 
 def test_trc(tmp_path: Path, make_recording: Make) -> None:
     recording = make_recording(people=(4, 9))
-    for units in ("m", "mm"):
-        paths = TrcSink(units=units).write(recording, tmp_path)
-        assert [path.name for path in paths] == ["pose_person4.trc", "pose_person9.trc"]
-        for n, path in enumerate(paths):
-            data = read_trc(path)
-            assert data.rate_hz == pytest.approx(25)
-            np.testing.assert_allclose(data.t_s, recording.poses.t_ns / 1e9, atol=1e-6)
-            np.testing.assert_allclose(data.xyz_world, recording.poses.xyz_world[:, n], atol=1e-7)
+    paths = TrcSink().write(recording, tmp_path)
+    assert [path.name for path in paths] == ["pose_person4.trc", "pose_person9.trc"]
+    for n, path in enumerate(paths):
+        data = read_trc(path)
+        assert data.rate_hz == pytest.approx(25)
+        np.testing.assert_allclose(data.t_s, recording.poses.t_ns / 1e9, atol=1e-6)
+        np.testing.assert_allclose(data.xyz_world, recording.poses.xyz_world[:, n], atol=1e-7)
 
 
 def test_c3d(tmp_path: Path, make_recording: Make) -> None:

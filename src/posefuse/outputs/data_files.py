@@ -8,7 +8,7 @@ import csv
 import itertools
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from pathlib import Path
-from typing import ClassVar, Literal
+from typing import ClassVar
 
 import numpy as np
 
@@ -26,13 +26,8 @@ from .provenance import person_file, rate_hz
 
 @settings
 class TrcSink(OwnConfig):
-    """TRC files. The format has no place for provenance: it is in ``recording.json`` of the same folder.
+    """TRC files in metres."""
 
-    Attributes:
-        units: ``m`` or ``mm``.
-    """
-
-    units: Literal["m", "mm"] = "m"
     name: ClassVar[str] = "trc"
 
     def write(self, recording: Recording, folder: Path) -> list[Path]:
@@ -43,7 +38,7 @@ class TrcSink(OwnConfig):
             data = TrcData(
                 names=poses.skeleton.keypoints, t_s=poses.t_ns / 1e9, xyz_world=poses.xyz_world[:, n], rate_hz=rate_hz(poses)
             )
-            write_trc(path, data, self.units)
+            write_trc(path, data)
             made.append(path)
         return made
 
