@@ -17,12 +17,12 @@ from posefuse.core import SE3, ConfigError, InputError, LivePose, LiveStart, Pos
 from posefuse.core.observations import observations_from_frames
 from posefuse.core.skeleton import ANATOMICAL23
 from posefuse.evaluation.tracks import looped
-from posefuse.formats.truth import write_loop, write_truth
 from posefuse.realtime.config import LiveConfig
 from posefuse.realtime.outputs import notes_of
 from posefuse_ros.bags import read_clock
 from posefuse_ros.mcap_output import RecordConfig, keep_clock
 from posefuse_ros.sim_time import SimulatedClock
+from posefuse_sim.files import write_loop, write_truth
 
 BEGIN_NS = 1_750_000_000 * 10**9
 LOOP_S, RATE, OFFSET_M = 2.0, 0.5, np.array([0.012, 0.0, 0.005])
