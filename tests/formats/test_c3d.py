@@ -235,6 +235,7 @@ def blocks_like_the_library(path: Path) -> None:
         (8, b"\x00\x00", "expected at least one"),
         (12, b"\x00\x00\x00\x00", "expected a scale other than 0"),
         (16, b"\xff\xff", "data begin in block 65535"),
+        (512 + 3, b"\x55", "numbers of a DEC processor: .*write it again"),
         (512 + 4, b"\x7f", "the file has|unknown type|expected"),
     ],
 )
