@@ -13,10 +13,9 @@ import tempfile
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Self
+from typing import TYPE_CHECKING, Any, ClassVar, Self
 
 import numpy as np
-from annotated_types import Ge, Le
 
 from posefuse.core import Camera, DependencyError, Frame, Recording, Skeleton
 from posefuse.core.arrays import Array
@@ -36,6 +35,8 @@ SPAWN = "spawn"
 CAMERAS = "world/cameras"
 RGB = tuple[int, int, int]
 _MEMORY = "512MiB"
+# longer side of stored images
+_IMAGE_PX = 640
 _HALF_PX = 0.5
 _IMAGE_PLANE_M, _BONE_M, _POINT_M = 0.5, 0.012, 0.02
 # a name stands so high above the highest keypoint
@@ -190,13 +191,8 @@ def _bone_rgb(skeleton: Skeleton) -> Array:
 
 @settings
 class RerunSink(ImageOutput):
-    """``recording.rrd``, opens with ``rerun recording.rrd`` or ``posefuse view DIR``.
+    """``recording.rrd``, opens with ``rerun recording.rrd`` or ``posefuse view DIR``."""
 
-    Attributes:
-        image_px: longer side of the stored images; 0 stores none.
-    """
-
-    image_px: Annotated[int, Ge(0), Le(8192)] = 640
     name: ClassVar[str] = "rerun"
     file: ClassVar[str] = "recording.rrd"
 
@@ -217,7 +213,7 @@ class RerunSink(ImageOutput):
             try:
                 check_room(staged)
                 stream.save(staged, default_blueprint=session_blueprint(recording.rig.names))
-                yield _Logged(stream, recording, self.image_px, staged).step
+                yield _Logged(stream, recording, staged).step
             finally:
                 stream.disconnect()
 
@@ -249,9 +245,9 @@ def show_recording(recording: Recording, frame_sets: FrameSets | None = None) ->
 class _Logged:
     """A recording that is logged to a stream into a file."""
 
-    def __init__(self, stream: rr.RecordingStream, recording: Recording, image_px: int, file: Path) -> None:
-        self._stream, self._recording, self._image_px, self._file = stream, recording, image_px, file
-        self._cameras = [_shown(camera, image_px) for camera in recording.rig]
+    def __init__(self, stream: rr.RecordingStream, recording: Recording, file: Path) -> None:
+        self._stream, self._recording, self._file = stream, recording, file
+        self._cameras = [camera.scaled(shrunk_wh(camera.size_wh, _IMAGE_PX)) for camera in recording.rig]
         log_cameras(stream, self._cameras)
 
     def step(self, i: int, frames: Frames) -> None:
@@ -270,17 +266,11 @@ class _Logged:
         import rerun as rr
 
         recording, camera = self._recording, self._cameras[c]
-        if self._image_px:
-            image = None if frame is None else jpeg_of(shrunk(frame.image, self._image_px))
-            blank = rr.Clear(recursive=False) if image is None else rr.EncodedImage(contents=image, media_type="image/jpeg")
-            self._stream.log(f"{camera_path(camera.name)}/image", blank)
+        image = None if frame is None else jpeg_of(shrunk(frame.image, _IMAGE_PX))
+        shown = rr.Clear(recursive=False) if image is None else rr.EncodedImage(contents=image, media_type="image/jpeg")
+        self._stream.log(f"{camera_path(camera.name)}/image", shown)
         scale = np.array(camera.size_wh) / recording.rig.cameras[c].size_wh
         views = recording.views
         seen = views.score[i, :, c] > 0
         log_detections(self._stream, camera.name, views.xy_img[i, :, c][seen], DETECTION_RGB, scale)
         log_projection(self._stream, camera, recording.poses.skeleton, recording.poses.xyz_world[i])
-
-
-def _shown(camera: Camera, longest_px: int) -> Camera:
-    """The camera for the stored images, never enlarged."""
-    return camera.scaled(shrunk_wh(camera.size_wh, longest_px)) if longest_px else camera
