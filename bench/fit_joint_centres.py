@@ -25,10 +25,11 @@ from posefuse.core import JointCentres, PoseSequence, Truth
 from posefuse.core.skeleton import SIDES, pick_keypoints
 from posefuse.detection.card import NetworkCard, read_card
 from posefuse.evaluation.metrics import true_xyz_at
-from posefuse.formats.joint_centres import joint_centres_text, read_joint_centres
+from posefuse.formats.joint_centres import read_joint_centres
 from posefuse.tracking import to_joint_centres
 from posefuse.tracking.body_directions import HEAD, keypoint_of
 from posefuse.tracking.joint_centres import JOINTS, joint_directions
+from posefuse_sim.files import joint_centres_text
 from posefuse_sim.fitting import ARM, FLOORS, MOST_M, MOVES, RATE_HZ, SCENES_EACH, fit_joint_centres, is_rendered, render_moving
 from posefuse_sim.scene import read_scene
 from posefuse_sim.session import SessionPaths

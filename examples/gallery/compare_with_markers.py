@@ -1,7 +1,7 @@
 """Next to a marker system: aligned in time, then joint by joint.
 
 The "marker system" here is the exact truth of the bundled clip, written as a TRC file that starts a third of a second late. Any
-TRC, C3D, CSV or MVNX file works. Both systems share a world frame here; with `align_space` (the default) turn and shift are
+TRC, C3D or CSV file works. Both systems share a world frame here; with `align_space` (the default) turn and shift are
 found too. Beware of people who walk in circles: a turn and whole gait cycles of delay look alike then.
 """
 

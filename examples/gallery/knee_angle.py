@@ -5,6 +5,8 @@ Track a session, ask for one joint angle, draw it. The session is the bundled cl
 
 from pathlib import Path
 
+from matplotlib import pyplot
+
 import posefuse as pf
 
 
@@ -12,14 +14,18 @@ def main(session: Path, out: Path) -> None:
     recording = pf.track(session, end_s=4.0)
     print(recording)
 
-    knee = recording.joint_angles()["left_knee", "flexion"]
+    angles = recording.joint_angles()
+    knee = angles["left_knee", "flexion"]
     print(f"left knee: {knee.deg.min():.0f} to {knee.deg.max():.0f} degrees, standard deviation {knee.sigma_deg.mean():.1f}")
 
-    axes = recording.plot("left_knee", "flexion")
-    recording.plot("right_knee", "flexion", axes=axes)
-    axes.set_title("knee flexion, left and right")
+    figure, axes = pyplot.subplots(figsize=(8, 3.6), layout="constrained")
+    for side in ("left", "right"):
+        knee = angles[f"{side}_knee", "flexion"]
+        axes.plot(knee.t_s, knee.deg, label=f"{side} knee")
+        axes.fill_between(knee.t_s, knee.deg - 2 * knee.sigma_deg, knee.deg + 2 * knee.sigma_deg, alpha=0.2)
+    axes.set(title="knee flexion, left and right", xlabel="time [s]", ylabel="angle [deg]")
     axes.legend()
-    axes.figure.savefig(out / "knee_angle.png")
+    figure.savefig(out / "knee_angle.png")
 
 
 if __name__ == "__main__":

@@ -1,4 +1,4 @@
-"""A recording in the hand: labelled arrays, tables, plots, files, the second solve."""
+"""A recording in the hand: tables, files, the second solve."""
 
 import sys
 from collections.abc import Callable
@@ -26,34 +26,6 @@ def test_its_repr_is_a_few_lines(make_recording: Make) -> None:
     assert max(map(len, lines)) < 120
 
 
-def test_labelled_arrays_have_named_axes_units_and_provenance(make_recording: Make) -> None:
-    recording = make_recording(people=(7, 3))
-    data = recording.to_xarray()
-    assert data["position"].dims == ("time", "person", "keypoint", "space")
-    assert data["position"].attrs["units"] == "m"
-    assert '"session": "walk"' in data.attrs["provenance"]
-    wrist = data["position"].sel(person=3, keypoint="left_wrist", space="z")
-    np.testing.assert_array_equal(wrist.values, recording.keypoint("left_wrist")[:, 1, 2])
-
-
-def test_without_people_labelled_arrays_keep_their_axes(make_recording: Make) -> None:
-    """As of a live session in which no person was seen."""
-    recording = make_recording()
-    data = replace(recording, poses=recording.poses.people(slice(0))).to_xarray(angles=True)
-    assert (data.sizes["person"], data.sizes["angle"]) == (0, make_recording().to_xarray(angles=True).sizes["angle"])
-
-
-def test_netcdf_keeps_every_bit(make_recording: Make, tmp_path: Path) -> None:
-    xr = pytest.importorskip("xarray", reason="the extra data is not installed")
-    recording = make_recording(people=(7, 3))
-    recording.to_xarray().to_netcdf(tmp_path / "walk.nc")
-    with xr.open_dataset(tmp_path / "walk.nc") as data:
-        xr.testing.assert_identical(data.load(), recording.to_xarray())
-        np.testing.assert_array_equal(data["t_ns"].values, recording.poses.t_ns)
-        for name, field in (("position", "xyz_world"), ("covariance", "cov_world"), ("kind", "kind"), ("n_views", "n_views")):
-            np.testing.assert_array_equal(data[name].values, getattr(recording.poses, field))
-
-
 def test_the_table_has_a_row_per_time_step_person_and_keypoint(make_recording: Make) -> None:
     recording = make_recording(people=(7, 3), times=5)
     table = recording.to_dataframe()
@@ -64,17 +36,8 @@ def test_the_table_has_a_row_per_time_step_person_and_keypoint(make_recording: M
     assert row.sigma_m == pytest.approx(np.sqrt((1e-4 + 4e-4 + 9e-4) / 3))
 
 
-def test_plots_draw_the_values_and_return_their_axes(make_recording: Make) -> None:
-    recording = make_recording()
-    axes = recording.plot("right_ankle")
-    assert [one.get_ylabel() for one in axes] == ["x [m]", "y [m]", "z [m]"]
-    np.testing.assert_array_equal(axes[1].lines[0].get_ydata(), recording.keypoint("right_ankle")[:, 0, 1])
-
-
 def test_several_people_must_be_distinguished(make_recording: Make) -> None:
     recording = make_recording(people=(7, 3))
-    refusal(InputError, "choose one of several; there are: 7, 3", recording.plot, "nose")
-    recording.plot("nose", person=3)
     refusal(InputError, r"choose one with \.of", lambda: recording.joint_angles(fit="none")["left_knee", "flexion"])
 
 
@@ -151,7 +114,7 @@ def test_one_without_settings_cannot_be_solved_again(make_recording: Make) -> No
     refusal(InputError, "provenance has no settings", lambda: make_recording().solve())
 
 
-def test_angles_are_tables_and_curves_of_their_own(make_recording: Make) -> None:
+def test_angles_are_a_table_of_their_own(make_recording: Make) -> None:
     angles = make_recording(people=(7, 3), times=5).joint_angles(fit="none")
     one = angles.of(3)
     knee = one["left_knee", "flexion"]
@@ -160,19 +123,13 @@ def test_angles_are_tables_and_curves_of_their_own(make_recording: Make) -> None
     rows = table[(table.joint == "left_knee") & (table.angle == "flexion")]
     np.testing.assert_allclose(rows.deg, knee.deg)
     np.testing.assert_allclose(rows.sigma_deg, knee.sigma_deg)
-    labelled = angles.to_xarray()["joint_angle"].sel(person=3, angle="left_knee flexion")
-    np.testing.assert_array_equal(labelled.values, knee.rad)
-    assert labelled.attrs["units"] == "rad"
-    (line,) = one.plot("left_knee", "flexion").lines
-    np.testing.assert_allclose(line.get_ydata(), knee.deg)
 
 
-def test_tables_and_curves_name_their_extra(make_recording: Make, monkeypatch: pytest.MonkeyPatch) -> None:
-    for name in ("xarray", "pandas", "matplotlib.pyplot"):
-        monkeypatch.setitem(sys.modules, name, None)
+def test_tables_name_their_extra(make_recording: Make, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "pandas", None)
     recording = make_recording()
     angles = recording.joint_angles(fit="none")
-    for call in (recording.to_xarray, recording.to_dataframe, lambda: recording.plot("nose"), angles.to_xarray):
+    for call in (recording.to_dataframe, angles.to_dataframe):
         refusal(DependencyError, r"install it with: pip install 'posefuse\[data\]'", call)
 
 

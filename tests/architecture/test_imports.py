@@ -32,7 +32,7 @@ MEMBERS = {
     "posefuse_teleop": {"posefuse_ros"},
 }
 LEVEL = {room: level for level, rooms in enumerate(LINES) for room in rooms}
-DATA = ("xarray", "pandas", "matplotlib")
+DATA = ("pandas", "matplotlib")
 OPTIONAL = (
     "mujoco", "daqp", "rerun", "opensim", "rosbags", "mcap", "cyclonedds", "rospy", "pylsl", "nicegui", *DATA,
 )  # fmt: skip

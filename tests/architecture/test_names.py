@@ -10,7 +10,7 @@ from packages import source_files
 FUNCTIONS = (ast.FunctionDef, ast.AsyncFunctionDef)
 # functions of one name in several modules, and why each is one idea
 SHARED = {
-    "one module per file format": {"fits", "matches", "read", "rig_from"},
+    "one module per file format": {"fits", "read", "rig_from"},
     "one module per page or job of the studio": {"build", "run"},
     "entry points of processes": {"main"},
     "one value from several kinds of files": {"read_rig"},

@@ -95,10 +95,6 @@ def test_ci_installs_every_package_without_which_tests_are_skipped() -> None:
     assert wanted - {re.split(r"[\[<>=]", line)[0] for line in named} == set() and len(wanted) > 5
 
 
-def test_the_extra_data_brings_what_netcdf_is_written_with() -> None:
-    assert "h5py" in packages_of(OPTIONAL["data"])  # newer versions of h5netcdf no longer need it themselves
-
-
 def plain(name: str) -> str:
     """A package's name as the index writes it."""
     return re.sub(r"[-_.]+", "-", name).lower()

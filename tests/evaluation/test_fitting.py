@@ -12,7 +12,7 @@ from posefuse.detection.card import read_card
 from posefuse.detection.noise import FEATURES, read_noise
 from posefuse.formats.joint_centres import read_joint_centres
 from posefuse.formats.rig import write_rig
-from posefuse.formats.truth import write_truth
+from posefuse_sim.files import write_truth
 from posefuse_sim.fitting import NoiseSamples, directions_of, fit_log_sigma, fit_noise, noise_text
 
 NAMES = ("nose", "left_knee", "right_knee")

@@ -18,7 +18,6 @@ from posefuse.evaluation.gait_cycles import PERCENT, gait_cycles, write_gait_cyc
 from posefuse.evaluation.report import (
     QUALITY_COLUMNS,
     RANGES,
-    SOURCES,
     longest_gap,
     parameter_blocks,
     quality_rows,
@@ -71,7 +70,7 @@ def test_the_page_states_session_rig_and_version(read_page, tmp_path, ring_rig):
     about = dict(page.tables[0])
     assert page.headings[0] == "Knee study <b>" and about["session"] == "trial <3>"
     assert recording.rig.id[:12] in about["rig"] and "4 cameras" in about["rig"] and about["version"] == f"posefuse {__version__}"
-    assert "1 & <2>" in page.text and len(page.images) == 1
+    assert "1 & <2>" in page.text
 
 
 def test_a_refused_calibration_is_stated(read_page, tmp_path, ring_rig):
@@ -107,16 +106,14 @@ def test_the_date_of_the_recording_is_the_one_that_its_files_state(read_page, tm
     assert dict(page.tables[0])["date of the recording"] == shown
 
 
-def test_gait_parameters_stand_next_to_published_ones(read_page, tmp_path, ring_rig):
+def test_gait_parameters_are_those_of_the_recording(read_page, tmp_path, ring_rig):
     recording = recording_of(ring_rig, *walker())
     page = reported(read_page, tmp_path, recording)
     rows = {(row[0], row[1]): row for row in page.tables[1]}
     gait = gait_from_poses(recording.poses)
     speed, step = rows["Walking speed", ""], rows["Step length", "left"]
-    assert speed[2] == f"{gait.speed_m_s:.2f}\N{NO-BREAK SPACE}m/s" and speed[4] in SOURCES
-    assert step[2].endswith(f"({gait.step_length_m['left'].count})") and step[3:] == ["", ""]
-    for row in page.tables[1][1:]:
-        assert bool(row[3]) == bool(row[4])
+    assert speed[2] == f"{gait.speed_m_s:.2f}\N{NO-BREAK SPACE}m/s"
+    assert step[2].endswith(f"({gait.step_length_m['left'].count})")
     assert rows["Double support", ""][2].endswith(f"({gait.double_support_share.count})")
     assert rows["Asymmetry of the step length", ""][2] == "+0\N{NO-BREAK SPACE}%"
     assert set(RANGES) <= {(j.name.removeprefix("left_"), angle) for j in JOINTS for angle in j.angle_names}

@@ -10,8 +10,9 @@ from videos import ScriptedSource
 
 from posefuse.core import InputError, SourceError
 from posefuse.core.depth import DepthImage, DepthNoise
-from posefuse.formats.image_folders import ABOUT_FILE, DepthFolder, depth_name, write_depth
+from posefuse.formats.image_folders import ABOUT_FILE, DepthFolder, depth_name
 from posefuse.sources import DepthSource
+from posefuse_sim.files import write_depth
 
 NOISE = DepthNoise(focal_px=640, baseline_m=0.095)
 

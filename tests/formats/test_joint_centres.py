@@ -10,7 +10,8 @@ from checks import refusal
 
 from posefuse.core import ConfigError, JointCentres, ShapeError
 from posefuse.detection.card import read_card
-from posefuse.formats.joint_centres import joint_centres_from_mapping, joint_centres_text, read_joint_centres
+from posefuse.formats.joint_centres import joint_centres_from_mapping, read_joint_centres
+from posefuse_sim.files import joint_centres_text
 
 TABLE = JointCentres(
     made_by="a test",

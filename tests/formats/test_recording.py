@@ -15,7 +15,8 @@ from posefuse.core import SE3, CameraTruth, InputError, Recording, Rig, Skeleton
 from posefuse.core.skeleton import ANATOMICAL23
 from posefuse.formats.recording import read_recording, write_recording
 from posefuse.formats.rig import write_rig
-from posefuse.formats.truth import read_truth, write_truth
+from posefuse.formats.truth import read_truth
+from posefuse_sim.files import write_truth
 
 SKELETON = Skeleton("three", ("left_hip", "right_hip", "nose"), (("left_hip", "right_hip"),))
 

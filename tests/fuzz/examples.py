@@ -77,7 +77,7 @@ def _compared(make: Callable[[Path], object]) -> Callable[[Path], object]:
 def _c3d(folder: Path) -> None:
     points = {"names": NAMES, "xyz_world": XYZ, "sigma_m": np.full(XYZ.shape[:2], 0.01), "rate_hz": 30.0}
     angles = {"angle_names": ("knee",), "angle_rad": np.zeros((len(XYZ), 1, 3))}
-    write_c3d(folder / "a.c3d", C3dData(**points, **angles, about={"VERSION": "1"}))
+    write_c3d(folder / "a.c3d", C3dData(**points, **angles))
 
 
 def _bvh(folder: Path) -> None:
@@ -87,28 +87,10 @@ def _bvh(folder: Path) -> None:
     write_bvh(folder / "a.bvh", BvhData(**bones, **motion, frame_s=0.02))
 
 
-def _wide_csv(folder: Path) -> None:
+def _csv(folder: Path) -> None:
     lines = ["t_s," + ",".join(f"{name}_{axis}" for name in NAMES for axis in "xyz")]
     lines += [f"{t:.4f}," + ",".join(f"{v:.4f}" for v in row.ravel()) for t, row in zip(T_S, XYZ, strict=True)]
     (folder / "a.csv").write_text("\n".join(lines) + "\n")
-
-
-def _long_csv(folder: Path) -> None:
-    lines = ["t_s,person,keypoint,x_m,y_m,z_m"]
-    for t, row in zip(T_S, XYZ, strict=True):
-        points = [f"{name},{x:.4f},{y:.4f},{z:.4f}" for name, (x, y, z) in zip(NAMES, row, strict=True)]
-        lines += [f"{t:.4f},{person},{point}" for person in (0, 3) for point in points]
-    (folder / "a.csv").write_text("\n".join(lines) + "\n")
-
-
-def _mvnx(folder: Path) -> None:
-    labels = ("Pelvis", "RightUpperLeg", "RightLowerLeg", "T8")
-    segments = "".join(f'<segment label="{label}" id="{i + 1}"/>' for i, label in enumerate(labels))
-    frames = "".join(
-        f'<frame time="{i * 10}" type="normal"><position>{" ".join(str(i + j) for j in range(12))}</position></frame>'
-        for i in range(12)
-    )
-    (folder / "a.mvnx").write_text(f"<mvnx><subject><segments>{segments}</segments><frames>{frames}</frames></subject></mvnx>")
 
 
 def _recording(folder: Path) -> None:
@@ -211,9 +193,6 @@ EXAMPLES: dict[str, Example] = {
     "rig TOML": _copied(GOLDEN / "rig.toml", read_rig),
     "rig caliscope": _copied(GOLDEN / "camera_array.toml", read_rig),
     "rig Qualisys": _copied(GOLDEN / "rig.qca.txt", read_rig),
-    "rig OpenCV YAML": _copied(GOLDEN / "rig.yaml", read_rig),
-    "rig OpenCV JSON": _copied(GOLDEN / "rig.json", read_rig),
-    "rig ROS": _copied(GOLDEN / "rig_ros" / "cam_0.yaml", read_rig),
     "scene YAML": _copied(DEMO / "scene.yaml", read_scene),
     "posefuse.toml": Example("posefuse.toml", openpose_session, read_config),
     "floor points TOML": Example("a.toml", _floor, read_floor_points),
@@ -221,9 +200,7 @@ EXAMPLES: dict[str, Example] = {
     "TRC": Example("a.trc", _trc, read_trc),
     "C3D": Example("a.c3d", _c3d, read_c3d),
     "BVH": Example("a.bvh", _bvh, lambda path: read_bvh(path).world()),
-    "CSV wide": Example("a.csv", _wide_csv, read_tracks),
-    "CSV long": Example("a.csv", _long_csv, read_tracks),
-    "MVNX": Example("a.mvnx", _mvnx, read_tracks),
+    "CSV": Example("a.csv", _csv, read_tracks),
     "recording.npz": Example("recording.npz", _recording, _read_result),
     "recording.json": Example("recording.json", _recording, _read_result),
     "truth.npz": _copied(DEMO / "truth" / "truth.npz", read_truth),
@@ -240,7 +217,7 @@ EXAMPLES: dict[str, Example] = {
     "MCAP": Example("a.mcap", _mcap, _read_mcap),
     "compare TRC": Example("a.trc", _compared(_trc)),
     "compare C3D": Example("a.c3d", _compared(_c3d)),
-    "compare CSV": Example("a.csv", _compared(_wide_csv)),
+    "compare CSV": Example("a.csv", _compared(_csv)),
     "report, recording": Example("recording.npz", _recording),
     "report, rig": Example("rig.toml", _recording),
     "export, observations": Example("observations.npz", _recording),

@@ -345,7 +345,7 @@ def test_what_a_written_rerun_recording_holds(tmp_path: Path, make_recording: Ma
     """Points and bones of the first time step in 3D, and bones in an image, read by Rerun's own reader."""
     reader = pytest.importorskip("rerun.chunk", reason="needs the extra `viewer`")
     recording = make_recording()
-    [path] = write_outputs([RerunSink(image_px=0).build()], recording, tmp_path)
+    [path] = write_outputs([RerunSink().build()], recording, tmp_path)
     rows = {chunk.entity_path: chunk.to_record_batch().to_pydict() for chunk in reader.RrdReader(path).stream()}
 
     def colours(entity: str, archetype: str) -> list[tuple[float, ...]]:

@@ -11,7 +11,7 @@ from posefuse import core
 from posefuse.core import ConfigError
 from posefuse.evaluation.compare import Comparison, Tracks
 from posefuse.evaluation.compare import compare as compared
-from posefuse.evaluation.tracks import ONE_PERSON, is_simulated, read_tracks, tracks_of, truth_tracks
+from posefuse.evaluation.tracks import is_simulated, read_tracks, tracks_of, truth_tracks
 from posefuse.formats.rig import refusal_note
 from posefuse.pipeline.reading import is_live, live_reader, read_result
 
@@ -37,7 +37,7 @@ def compare(
     are compared as they are: a person who walks to and fro looks much the same turned by half a turn.
 
     Args:
-        a: a recording, a result folder, or a file of another system: TRC, C3D, CSV, MVNX.
+        a: a recording, a result folder, or a file of another system: TRC, C3D, CSV.
         b: the same.
         person: id in posefuse recordings; None: of one calibration the one that both have, else the one seen longest.
         align_time: find the offset in time.
@@ -62,7 +62,7 @@ def compare(
     if asked and not align_space:
         raise ConfigError("`scale=True` and `align_first_s=S` align in space: leave out `align_space=False`")
     paths = [Path(one) for one in (a, b) if not isinstance(one, core.Recording)]
-    if person is not None and len([path for path in paths if path.suffix.lower() in ONE_PERSON]) == 2:
+    if person is not None and len(paths) == 2 and not any(_has_people(path) for path in paths):
         raise ConfigError(f"`person={person}`: neither recording has people by id")
     scene = None if isinstance(a, core.Recording) or not is_simulated(Path(a)) else Path(a)
     if scene is not None:
@@ -85,6 +85,11 @@ def compare(
     elif align_space and not apart:
         notes.append("both have the coordinates of one calibration: they are not aligned in space")
     return replace(found, inputs=tuple(paths), notes=tuple(notes))
+
+
+def _has_people(path: Path) -> bool:
+    """Whether a result of posefuse, which knows people by id; files of other systems hold one person."""
+    return is_live(path) or path.is_dir()
 
 
 def _share_a_world(one: core.Rig | None, two: core.Rig | None) -> bool:
@@ -110,10 +115,10 @@ def _read(
     """
     if isinstance(source, core.Recording):
         path, made = getattr(source, "path", None) or Path(str(source.provenance.get("session", name))), source
-    elif is_live(path := Path(source)) or path.is_dir():
+    elif _has_people(path := Path(source)):
         made = read_result(path, observed=False)
     else:
-        return read_tracks(path, person), None
+        return read_tracks(path), None
     near = reference[0] if reference is not None and _share_a_world(reference[1], made.rig) else None
     tracks = replace(tracks_of(made.poses, path, person, near), warning=refusal_note(path, made.rig))
     if simulated and made is not source and is_live(path):

@@ -27,7 +27,7 @@ from posefuse.foundation.summary import Block, Heading, Note, Table
 from .arguments import checked, shown
 
 EXTRAS = {
-    "data": "xarray, pandas, plots",
+    "data": "tables of pandas",
     "studio": "page in the browser",
     "sim": "simulator",
     "viewer": "Rerun viewer and recordings",
@@ -39,7 +39,6 @@ EXTRAS = {
     "oak": "depth cameras of Luxonis",
     "onnx": "networks through ONNX Runtime",
     "gpu": "networks on a graphics card of NVIDIA",
-    "h5": "2D poses in HDF5",
     "cluster": "batch on a Dask cluster",
 }
 

@@ -1,4 +1,4 @@
-"""A recording and its joint angles: the result of tracking, to plot, save and solve again."""
+"""A recording and its joint angles: the result of tracking, to save and solve again."""
 
 from __future__ import annotations
 
@@ -19,10 +19,7 @@ from .rig_and_detector import Rig, rig_of
 
 if TYPE_CHECKING:
     import pandas as pd
-    import xarray as xr
-    from matplotlib.axes import Axes
     from pandas import DataFrame
-    from xarray import Dataset
 
     from posefuse.kinematics.gait import Gait
     from posefuse.pipeline.edits import Edits
@@ -42,27 +39,11 @@ class JointAngles(core.JointAngles):
         >>> angles.to_dataframe().groupby(["joint", "angle"]).deg.max()  # doctest: +SKIP
     """
 
-    def to_xarray(self) -> Dataset:
-        """Angles and their standard deviations in radians, axes time, person, angle; needs the extra ``data``."""
-        from posefuse.formats.labelled import angles_to_xarray
-
-        return angles_to_xarray(self)
-
     def to_dataframe(self) -> DataFrame:
         """One row per time step, person and angle: time_s, person, joint, angle, deg, sigma_deg; needs the extra ``data``."""
         from posefuse.formats.labelled import angles_to_dataframe
 
         return angles_to_dataframe(self)
-
-    def plot(self, joint: str, angle: str, *, axes: Axes | None = None) -> Axes:
-        """Draw one angle in degrees over time with a band of two standard deviations; needs the extra ``data``.
-
-        Raises:
-            InputError: no such joint or angle, or several people: select one with `of`.
-        """
-        from posefuse.outputs.plots import plot_angle
-
-        return plot_angle(self[joint, angle], axes)
 
 
 def joint_angles_of(value: core.JointAngles) -> JointAngles:
@@ -376,19 +357,6 @@ class Recording(core.Recording):
         with shown(progress) as report, compiling("joint angles", lambda line: report("angles", 0, None, line)):
             return write_report_folder(self, self.path, Path(place), chosen, title=title, progress=report)
 
-    @checked
-    def to_xarray(self, *, angles: bool = False) -> xr.Dataset:
-        """Positions with covariance (and, with `angles`, joint angles) as an xarray Dataset with named axes and units.
-
-        The angles are those of these positions, ``joint_angles(fit="none")``: of the fitted skeleton, whose angles differ by
-        some degrees, they are ``joint_angles().to_xarray()``.
-
-        Axes: time, person, keypoint, space. ``recording.to_xarray().to_netcdf(path)`` keeps everything.
-        """
-        from posefuse.formats.labelled import recording_to_xarray
-
-        return recording_to_xarray(self, self.joint_angles(fit="none") if angles else None)
-
     def to_dataframe(self) -> pd.DataFrame:
         """One row per time step, person and keypoint.
 
@@ -397,25 +365,6 @@ class Recording(core.Recording):
         from posefuse.formats.labelled import recording_to_dataframe
 
         return recording_to_dataframe(self)
-
-    @checked
-    def plot(self, name: str, angle: str | None = None, *, person: int | None = None, axes: Any = None) -> Axes | list[Axes]:
-        """Draw a keypoint (three axes: x, y, z) or a joint angle over time with a band of two standard deviations.
-
-        Args:
-            name: a keypoint, or a joint when `angle` is given: ``plot("left_wrist")``, ``plot("left_knee", "flexion")``.
-            person: id; left out where there is one person.
-            axes: matplotlib axes to draw into.
-
-        Raises:
-            InputError: no such keypoint, joint, angle or person.
-        """
-        from posefuse.outputs.plots import person_place, plot_angle, plot_keypoint
-
-        if angle is None:
-            return plot_keypoint(self, name, person, axes)
-        person_id = int(self.poses.person_id[person_place(self, person)])
-        return plot_angle(self.joint_angles().of(person_id)[name, angle], axes)
 
     def view(self, *, session: str | Path | None = None, progress: Progress | bool | None = None) -> Path | None:
         """Open the Rerun viewer on it and wait until it is closed; needs the extra ``viewer``.

@@ -52,7 +52,7 @@ class Rig(core.Rig):
 
 
 def read_rig(path: str | Path, *, placed: bool = False) -> Rig:
-    """Read a calibration file: posefuse, Anipose/Pose2Sim or caliscope TOML, Qualisys, OpenCV YAML/JSON, ROS camera_info.
+    """Read a calibration file: posefuse, Anipose/Pose2Sim or caliscope TOML, Qualisys.
 
     Args:
         placed: the poses of the cameras are needed, too; False: intrinsics will do.

@@ -94,10 +94,10 @@ def compare(
     align_first: Annotated[float | None, Parameter(metavar="S"), positive(MOST_S)] = None,
     terminal: Shown,
 ) -> Figures:
-    """Compare two recordings (posefuse result or .mcap, TRC, C3D, CSV, MVNX): aligned in time and space, error per point, drift.
+    """Compare two recordings (posefuse result or .mcap, TRC, C3D, CSV): aligned in time and space, error per point, drift.
 
     Args:
-        a: The reference: result folder, .mcap, .trc, .c3d, .csv or .mvnx; or a folder of posefuse simulate, whose truth is then
+        a: The reference: result folder, .mcap, .trc, .c3d or .csv; or a folder of posefuse simulate, whose truth is then
             compared by simulation time, without alignment.
         b: The recording to align with A.
         out: Write compare.html and compare.json there.

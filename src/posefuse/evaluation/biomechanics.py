@@ -178,7 +178,7 @@ def _c3d_data(poses: PoseSequence, joints: JointAngles, n: int, name: str, gait:
         rate_hz=(len(poses) - 1) / span_s if span_s > 0 else 1.0,
         angle_names=labels,
         angle_rad=angles,
-        about={"START_NS": str(poses.t_ns[0])},
+        begin_s=poses.t_ns[0] * 1e-9,
         subject=name,
         events=_events(gait, float(poses.t_ns[0]) * 1e-9),
     )

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping
-from dataclasses import dataclass
 from datetime import date
 from pathlib import Path
 from typing import Any, Literal
@@ -25,7 +24,6 @@ from posefuse.formats.page import (
     Details,
     Facts,
     Heading,
-    Images,
     Line,
     Note,
     Page,
@@ -79,19 +77,6 @@ def quality_rows(recording: Recording, person: int) -> list[list[Any]]:
 def camera_rows(fits: Mapping[str, Mapping[str, float]]) -> list[list[Any]]:
     """Rows under `CAMERA_COLUMNS` of the fields of `health.recorded.CameraFit`, by camera."""
     return [[name, f"{one['seen']:.0%}", f"{one['left_out']:.0%}", one["reproj_px"], one["sigmas"]] for name, one in fits.items()]
-
-
-def views_picture(recording: Recording, person: int) -> Array:
-    """(K, T', 3) uint8 RGB: how many cameras each keypoint was made from over time; at most 900 columns."""
-    views = recording.poses.n_views[:, person].astype(float)
-    step = max(1, -(-len(views) // 900))
-    padded = np.pad(views, ((0, -len(views) % step), (0, 0)), mode="edge") if len(views) else views
-    share = padded.reshape(-1, step, views.shape[1]).mean(axis=1).T / max(1, len(recording.rig))
-    none, all_ = np.array([214.0, 84.0, 60.0]), np.array([38.0, 112.0, 150.0])
-    few = np.array([244.0, 226.0, 170.0])
-    low = none + (few - none) * np.clip(share * 2, 0, 1)[..., None]
-    picture = low + (all_ - few) * np.clip(share * 2 - 1, 0, 1)[..., None]
-    return np.asarray(np.clip(picture, 0, 255).astype(np.uint8))
 
 
 def _share(mask: Array) -> float:
@@ -233,61 +218,13 @@ def _person(recording: Recording, joints: JointAngles, n: int) -> list[Block]:
         Plots(time_plots(joints, n, gait, BAND_SIGMAS), small=True),
         Heading("Range of motion over the whole recording", level=3),
         range_table(joints, n),
-        *_quality(recording, n, name),
+        Heading(f"{name}: quality of the data", "How often each keypoint was measured, by how many cameras, and how precisely."),
+        Table(QUALITY_COLUMNS, quality_rows(recording, n)),
     ]
-
-
-def _quality(recording: Recording, n: int, name: str) -> list[Block]:
-    picture = views_picture(recording, n)
-    rows = Table(QUALITY_COLUMNS, quality_rows(recording, n))
-    blocks: list[Block] = [
-        Heading(f"{name}: quality of the data", "How often each keypoint was measured, by how many cameras, and how precisely.")
-    ]
-    if picture.size:
-        caption = "Cameras used per keypoint (rows, in the order of the table) over time: red none, blue all."
-        blocks.append(Images({caption: picture}, raster=True))
-    return [*blocks, rows]
 
 
 def _text(value: Any) -> str:
     return value if isinstance(value, str) else json.dumps(value, default=str, ensure_ascii=False)
-
-
-SOURCES = {
-    "Bohannon 1997": (
-        "R. W. Bohannon, Comfortable and maximum walking speed of adults aged 20-79 years: reference values and determinants, "
-        "Age and Ageing 26 (1997) 15-19; comfortable speed, means of men and women of each decade of age"
-    ),
-    "Thompson 2002 (secondary)": (
-        "Secondary source: D. Thompson, Stride analysis, University of Oklahoma Health Sciences Center (2002), with means "
-        "adapted from M. P. Murray, A. B. Drought, R. C. Kory, J. Bone Joint Surg. 46A (1964) 335-360 (men), and M. P. Murray, "
-        "R. C. Kory, S. B. Sepic, Arch. Phys. Med. Rehabil. 51 (1970) 637-650 (women); the originals were not checked"
-    ),
-    "Physiopedia (secondary)": (
-        "Secondary source: Physiopedia, Joint range of motion during gait, which refers to J. Loudon et al., The Clinical "
-        "Orthopedic Assessment Guide, 2nd ed., Human Kinetics, 2008, 395-408; the original was not checked"
-    ),
-}
-CAUTION = (
-    "Normal values are of healthy adults who walk at a speed they choose. They change with age, sex, height and speed, and other "
-    "systems define angles differently: use them for orientation, not for a diagnosis. Where no normal value is given, none is "
-    "cited here."
-)
-
-
-@dataclass(frozen=True)
-class Normal:
-    """A published value, as text with its unit, and the key of `SOURCES` it is from."""
-
-    text: str = ""
-    source: str = ""
-
-
-NONE = Normal()
-SPEED = Normal("1.27 to 1.46 m/s, by age and sex", "Bohannon 1997")
-CADENCE = Normal("117 steps/min", "Thompson 2002 (secondary)")
-STRIDE_LENGTH = Normal("1.58 m (men), 1.32 m (women)", "Thompson 2002 (secondary)")
-STANCE = Normal("60 %", "Physiopedia (secondary)")
 
 
 _SHARE_DRAWN = 0.02
@@ -400,10 +337,10 @@ def _grouped(joints: JointAngles) -> dict[str, list[tuple[int, int]]]:
 
 # a space at which a line does not break
 _KEPT = "\N{NO-BREAK SPACE}"
-# angles whose range over the gait cycle is in the table; definitions differ too much between systems to cite a normal value
+# angles whose range over the gait cycle is in the table
 RANGES = (("hip", "flexion"), ("knee", "flexion"), ("ankle", "dorsiflexion"))
 _ASYMMETRY = "Asymmetry of the {}"
-_COLUMNS = ("parameter", "side", "value", "normal for adults", "source")
+_COLUMNS = ("parameter", "side", "value")
 
 
 def parameter_blocks(gait: Gait | None, cycles: list[CycleAngles]) -> list[Block]:
@@ -411,24 +348,21 @@ def parameter_blocks(gait: Gait | None, cycles: list[CycleAngles]) -> list[Block
     if gait is None:
         return [Note("No walking found: gait parameters need two foot strikes of each foot.")]
     rows = [
-        _row("Walking speed", f"{gait.speed_m_s:.2f}{_KEPT}m/s", SPEED),
-        _row("Cadence", f"{gait.cadence_per_min:.0f}{_KEPT}steps/min", CADENCE),
-        _row("Stride length", spread_text(gait.stride_length_m, "m"), STRIDE_LENGTH),
+        _row("Walking speed", f"{gait.speed_m_s:.2f}{_KEPT}m/s"),
+        _row("Cadence", f"{gait.cadence_per_min:.0f}{_KEPT}steps/min"),
+        _row("Stride length", spread_text(gait.stride_length_m, "m")),
         _row("Stride time", spread_text(gait.stride_time_s, "s")),
-        *(_row("Step length", spread_text(gait.step_length_m[side], "m"), side=side) for side in SIDES),
+        *(_row("Step length", spread_text(gait.step_length_m[side], "m"), side) for side in SIDES),
         _row("Step width", spread_text(gait.step_width_m, "m")),
         _row(_ASYMMETRY.format("step length"), _asymmetry(gait.step_length_m)),
-        *(_row("Stance phase", spread_text(gait.stance_share[side], "%", 100.0, 0), STANCE, side) for side in SIDES),
+        *(_row("Stance phase", spread_text(gait.stance_share[side], "%", 100.0, 0), side) for side in SIDES),
         _row(_ASYMMETRY.format("stance phase"), _asymmetry(gait.stance_share)),
         _row("Double support", spread_text(gait.double_support_share, "%", 100.0, 0)),
         *_ranges(cycles),
     ]
-    used = {row[-1] for row in rows} & set(SOURCES)
     return [
         Table(_COLUMNS, rows, text=True),
         Note("Mean ± standard deviation (number of steps or strides). Asymmetry: left minus right, as a share of their mean."),
-        Note(CAUTION),
-        Details("Sources of the normal values", [Facts({key: text for key, text in SOURCES.items() if key in used})]),
     ]
 
 
@@ -454,7 +388,7 @@ def _ranges(cycles: list[CycleAngles]) -> list[list[Any]]:
         _row(
             f"{title_of(part, angle)}, range over the gait cycle",
             spread_text(Spread.of(np.degrees(one.ranges_rad)), "°", digits=0),
-            side=one.side,
+            one.side,
         )
         for part, angle in RANGES
         for one in cycles
@@ -462,5 +396,5 @@ def _ranges(cycles: list[CycleAngles]) -> list[list[Any]]:
     ]
 
 
-def _row(name: str, value: str, normal: Normal = NONE, side: Literal["", "left", "right"] = "") -> list[Any]:
-    return [name, Cell(side, side), value, normal.text, normal.source]
+def _row(name: str, value: str, side: Literal["", "left", "right"] = "") -> list[Any]:
+    return [name, Cell(side, side), value]

@@ -13,34 +13,31 @@ from posefuse.core import InputError, PoseSequence
 from posefuse.core.arrays import Array, known_median
 from posefuse.core.errors import choices
 from posefuse.formats.c3d import C3dData, read_c3d
-from posefuse.formats.named_points import NamedPoints, read_mvnx, read_points_csv
+from posefuse.formats.named_points import NamedPoints, read_points_csv
 from posefuse.formats.trc import read_trc
 from posefuse.formats.truth import read_loop, read_truth
 
 from .compare import Tracks
 
-KINDS = "a posefuse result folder, .mcap of posefuse live, .trc, .c3d, .csv or .mvnx"
-# files of one person, without an id
-ONE_PERSON = (".trc", ".c3d", ".mvnx")
+KINDS = "a posefuse result folder, .mcap of posefuse live, .trc, .c3d or .csv"
 _SYNONYMS = {"hip": "mid_hip", "hips": "mid_hip", "left_foot_index": "left_big_toe", "right_foot_index": "right_big_toe"}
 # nothing that is compared is farther from its origin or lasts longer; damaged numbers are
 _FARTHEST_M = 10_000.0
 _LONGEST_S = 21_600.0
 
 
-def read_tracks(path: Path, person: int | None = None) -> Tracks:
-    """Named points of one person (of several, default: the one seen longest) from a file of any system.
+def read_tracks(path: Path) -> Tracks:
+    """Named points of one person from a file of any system.
 
     Raises:
-        InputError: no such file, a kind that is not read, or no such person.
+        InputError: no such file, or a kind that is not read.
     """
     if not path.exists():
         raise InputError(f"{path}: no such file or folder")
     readers: dict[str, Callable[[Path], NamedPoints | C3dData]] = {
         ".trc": read_trc,
         ".c3d": read_c3d,
-        ".csv": lambda file: read_points_csv(file, person),
-        ".mvnx": read_mvnx,
+        ".csv": read_points_csv,
     }
     reader = readers.get(path.suffix.lower())
     if reader is None:

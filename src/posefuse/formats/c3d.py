@@ -7,7 +7,6 @@ point has the residual -1. The residual of a point is its standard deviation in 
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -15,6 +14,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from posefuse import __version__
 from posefuse.core import DiskFullError, InputError, ShapeError
 from posefuse.core.arrays import Array, frozen_fields
 from posefuse.core.errors import choices
@@ -29,8 +29,6 @@ _FINEST_RESIDUAL_MM = 0.1
 _MOST_STEPS = 127
 # a string of a C3D parameter is at most 127 bytes in every reader
 _TEXT_BYTES = 127
-_TEXT_PIECE = 120
-_TEXT_PIECES = 200
 _NAMES_PER_PARAMETER = 255
 # frames that are written together
 _PART_FRAMES = 1000
@@ -54,9 +52,8 @@ class C3dData:
         xyz_world: (T, K, 3) metres, Z up; NaN where missing.
         sigma_m: (T, K) standard deviation in metres; NaN where missing.
         rate_hz: frames per second. begin_s: seconds of the first frame, in a file of ours of the session, else since the first
-            that was recorded, which may have been cut; read, and in `about` written.
+            that was recorded, which may have been cut.
         angle_names: A angles. angle_rad: (T, A, 3); NaN where missing.
-        about: group ``POSEFUSE`` of the file: parameter name to text.
         subject: who it is. events: in order of time; a file holds the first 255. Both are written, not read.
     """
 
@@ -66,7 +63,6 @@ class C3dData:
     rate_hz: float
     angle_names: tuple[str, ...] = ()
     angle_rad: Array = field(default_factory=lambda: np.zeros((0, 0, 3)))
-    about: Mapping[str, str] = field(default_factory=dict)
     subject: str = ""
     begin_s: float = 0.0
     events: tuple[C3dEvent, ...] = ()
@@ -175,16 +171,15 @@ def read_c3d(path: Path | str) -> C3dData:
     residual = blocks.residual
     missing = (residual < 0) | ~np.isfinite(blocks.xyz).all(axis=-1)
     points = np.where(missing[..., None], np.nan, blocks.xyz)
-    rate_hz, about = _rate(path, point), _about(blocks.parameters)
+    rate_hz = _rate(path, point)
     return C3dData(
         names=tuple(label for label, chosen in zip(labels, is_point, strict=True) if chosen),
         xyz_world=(points[:, is_point] * metres)[..., [2, 0, 1] if _text(point, "Y_SCREEN") == "+Y" else [0, 1, 2]],
         sigma_m=np.where(missing, np.nan, residual * metres)[:, is_point],
         rate_hz=rate_hz,
-        begin_s=_begin_s(about, (blocks.first_frame - 1) / rate_hz),
+        begin_s=_begin_s(blocks.parameters.get("POSEFUSE", {}), (blocks.first_frame - 1) / rate_hz),
         angle_names=tuple(label for label, chosen in zip(labels, is_angle, strict=True) if chosen),
         angle_rad=np.radians(points[:, is_angle]),
-        about=about,
     )
 
 
@@ -208,27 +203,15 @@ def _parameters(data: C3dData) -> dict[str, dict[str, Any]]:
         sides, labels = [event.side.title() for event in events], [_EVENT_LABELS[event.kind] for event in events]
         subjects = [subject] * len(events)
         groups["EVENT"] = {"USED": [len(events)], "CONTEXTS": sides, "LABELS": labels, "TIMES": times, "SUBJECTS": subjects}
-    groups["MANUFACTURER"] = {"COMPANY": "posefuse", "SOFTWARE": "posefuse", "VERSION_LABEL": data.about.get("VERSION", "")}
-    return {**groups, "POSEFUSE": {key: _pieces(key, text) for key, text in data.about.items()}}
+    groups["MANUFACTURER"] = {"COMPANY": "posefuse", "SOFTWARE": "posefuse", "VERSION_LABEL": __version__}
+    return {**groups, "POSEFUSE": {"START_NS": f"{round(data.begin_s * 1e9)}"}}
 
 
-def _pieces(key: str, text: str) -> list[str]:
-    pieces = [text[i : i + _TEXT_PIECE] for i in range(0, len(text), _TEXT_PIECE)] or [""]
-    if len(pieces) > _TEXT_PIECES:
-        raise InputError(f"C3D parameter POSEFUSE:{key}: too long ({len(text)} characters)")
-    # ends of strings are padded away in C3D: a mark keeps blanks at the end of a piece
-    return [f"{piece}|" for piece in pieces]
-
-
-def _about(parameters: Mapping[str, Group]) -> dict[str, str]:
-    group = parameters.get("POSEFUSE", {})
-    return {key: "".join(str(piece).removesuffix("|") for piece in pieces) for key, pieces in group.items()}
-
-
-def _begin_s(about: Mapping[str, str], otherwise_s: float) -> float:
+def _begin_s(group: Group, otherwise_s: float) -> float:
+    """Of a file of ours that of the session."""
     try:
-        return int(about["START_NS"]) * 1e-9
-    except (KeyError, ValueError):
+        return int(_text(group, "START_NS")) * 1e-9
+    except ValueError:
         return otherwise_s
 
 

@@ -1,6 +1,6 @@
 """The bytes of a C3D file: header, parameters, 3D points. Every count and offset is checked against the file's size first.
 
-Files of Intel, DEC and MIPS processors, with integer or floating-point points. Analog samples are skipped.
+Files in the order of Intel processors, with integer or floating-point points. Analog samples are skipped.
 """
 
 from __future__ import annotations
@@ -22,7 +22,8 @@ POINT_BYTES = 16
 # places in the header
 _LAST_FRAME, _SCALE, _DATA_BLOCK = 8, 12, 16
 _KEY = 0x50
-_PROCESSORS = {84: "intel", 85: "dec", 86: "mips"}
+# in an order of their own; writers that state none of these mean Intel's
+_OTHER_PROCESSORS = {85: "DEC", 86: "MIPS"}
 _TYPES = {-1: "text", 1: "i1", 2: "i2", 4: "f4"}
 _MOST_DIMENSIONS = 7
 _NUMBER_BYTES = {True: 4, False: 2}
@@ -78,7 +79,7 @@ def read_blocks(path: Path) -> C3dBlocks:
 
 
 def data_start(content: bytes) -> int:
-    """Where the points begin in a file of an Intel processor."""
+    """Where the points begin."""
     return (int.from_bytes(content[_DATA_BLOCK : _DATA_BLOCK + 2], "little") - 1) * BLOCK_BYTES
 
 
@@ -101,15 +102,16 @@ def completed_head(path: Path, head: bytes, frames: int, data_bytes: int) -> byt
 
 
 class _Numbers:
-    """Numbers at places of the file, in its processor's order; a place outside the file is an InputError."""
+    """Numbers at places of the file; a place outside the file is an InputError."""
 
     def __init__(self, path: Path, content: bytes) -> None:
         self.path, self._content = path, content
         self.parameter_start = (content[0] - 1) * BLOCK_BYTES
         if not 0 < self.parameter_start <= len(content) - BLOCK_BYTES:
             self.fail(f"parameters begin in block {content[0]} of {len(content) // BLOCK_BYTES}")
-        self.processor = _PROCESSORS.get(content[self.parameter_start + 3], "intel")
-        self._order = ">" if self.processor == "mips" else "<"
+        other = _OTHER_PROCESSORS.get(content[self.parameter_start + 3])
+        if other:
+            self.fail(f"numbers of a {other} processor: expected those of Intel's; write it again with Mokka, Visual3D or ezc3d")
 
     def __len__(self) -> int:
         return len(self._content)
@@ -125,13 +127,8 @@ class _Numbers:
     def array(self, place: int, count: int, kind: str, what: str) -> Array:
         """`count` numbers of kind i1, u2, i2 or f4 as float64 or int64."""
         raw = self.take(place, count * int(kind[1]), what)
-        if kind == "f4" and self.processor == "dec":
-            # VAX F floating point: words exchanged, exponent greater by 2
-            words = np.frombuffer(raw, "<u2").reshape(-1, 2)[:, ::-1]
-            with np.errstate(invalid="ignore"):
-                return np.ascontiguousarray(words).view("<f4").ravel().astype(np.float64) / 4
         with np.errstate(invalid="ignore"):  # a signalling NaN in damaged bytes becomes a quiet one
-            return np.frombuffer(raw, f"{self._order}{kind}").astype(np.float64 if kind == "f4" else np.int64)
+            return np.frombuffer(raw, f"<{kind}").astype(np.float64 if kind == "f4" else np.int64)
 
     def one(self, place: int, kind: str, what: str) -> Any:
         return self.array(place, 1, kind, what)[0].item()

@@ -12,9 +12,8 @@ from __future__ import annotations
 
 import csv
 import itertools
-import json
-from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import asdict, fields
+from collections.abc import Mapping, Sequence
+from dataclasses import fields
 from pathlib import Path
 from typing import Any
 
@@ -45,32 +44,9 @@ def read_frame_times(folder: Path) -> list[tuple[Path, float]]:
     return times
 
 
-def write_frame_times(folder: Path, times: Iterable[tuple[str, int]]) -> None:
-    """Write the names of images and their times in ns."""
-    with (folder / TIMES_FILE).open("w", newline="", encoding="utf-8") as file:
-        table = csv.writer(file)
-        table.writerow(["file", "t_s"])
-        table.writerows([name, f"{t_ns / 1e9:.9f}"] for name, t_ns in times)
-
-
 ABOUT_FILE = "depth.json"
 # a depth image this close to a frame in time belongs to it
 _SAME_NS = 2_000_000
-
-
-def write_depth(folder: Path, t_ns: int, depth: DepthImage) -> None:
-    """Write one image into an existing folder, and what is known of the camera with the first; raises InputError."""
-    import cv2
-
-    path = folder / depth_name(t_ns)
-    _, data = cv2.imencode(".png", depth.values, [cv2.IMWRITE_PNG_COMPRESSION, 1])
-    try:
-        if not (folder / ABOUT_FILE).exists():
-            about = {"unit_m": depth.unit_m, "noise": asdict(depth.noise)}
-            (folder / ABOUT_FILE).write_text(json.dumps(about, indent=2) + "\n", encoding="utf-8")
-        path.write_bytes(data.tobytes())
-    except OSError as error:
-        raise InputError(f"{path}: cannot be written ({error.strerror})") from None
 
 
 def depth_name(t_ns: int) -> str:

@@ -1,4 +1,4 @@
-"""Tables of joint centres as TOML files, and as the mappings that results keep of them."""
+"""Tables of joint centres from TOML files, and from the mappings that results keep of them."""
 
 from __future__ import annotations
 
@@ -36,22 +36,3 @@ def _checked(table: _Table, where: str) -> JointCentres:
         return JointCentres(**asdict(table))
     except (ConfigError, ShapeError) as error:
         raise ConfigError(f"{where}: {error}") from None
-
-
-def joint_centres_text(table: JointCentres) -> str:
-    """The table as TOML, as `read_joint_centres` reads it; to a tenth of a millimetre."""
-    lines = [
-        "# metres from the fused landmark to the joint centre along directions of the body itself, see tracking/joint_centres.py",
-        f'made_by = "{table.made_by}"',
-        *_section("lengths", table.lengths, 3),
-    ]
-    for joint, offsets in table.offsets.items():
-        lines += _section(f"offsets.{joint}", offsets, 4)
-    for joint, directions in table.by_length.items():
-        for name, slopes in directions.items():
-            lines += _section(f"by_length.{joint}.{name}", slopes, 3)
-    return "\n".join(lines) + "\n"
-
-
-def _section(name: str, values: Mapping[str, float], digits: int) -> list[str]:
-    return ["", f"[{name}]", *(f"{key} = {value:.{digits}f}" for key, value in values.items())]

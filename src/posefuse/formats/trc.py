@@ -1,4 +1,4 @@
-"""TRC: marker trajectories as OpenSim reads them (tab-separated, Y up; read in m, cm or mm, written in m or mm).
+"""TRC: marker trajectories as OpenSim reads them (tab-separated, Y up; read in m, cm or mm, written in m).
 
 Converted at the door: (X, Y, Z) of the file = (Y, Z, X) of our world, which is Z up. A missing point is three cells of ``nan``,
 as OpenSim itself writes it: its reader refuses a row whose last cell is empty. Empty cells are read, too.
@@ -10,7 +10,6 @@ import itertools
 import math
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal
 
 import numpy as np
 
@@ -60,8 +59,8 @@ def read_trc(path: Path | str) -> TrcData:
     return TrcData(names=names, t_s=table[:, 0], xyz_world=xyz_file[..., [2, 0, 1]], rate_hz=_rate(path, header))
 
 
-def write_trc(path: Path | str, data: TrcData, units: Literal["m", "mm"] = "m") -> None:
-    """Write a TRC file that OpenSim opens; coordinates with 7 digits after the point in metres, 4 in millimetres.
+def write_trc(path: Path | str, data: TrcData) -> None:
+    """Write a TRC file that OpenSim opens; coordinates in metres with 7 digits after the point.
 
     Raises:
         InputError: the place cannot be written to, or a marker name holds a tab or a line break.
@@ -74,19 +73,18 @@ def write_trc(path: Path | str, data: TrcData, units: Literal["m", "mm"] = "m") 
     lines = [
         f"PathFileType\t4\t(X/Y/Z)\t{path.name}",
         "DataRate\tCameraRate\tNumFrames\tNumMarkers\tUnits\tOrigDataRate\tOrigDataStartFrame\tOrigNumFrames",
-        f"{rate}\t{rate}\t{count}\t{len(data.names)}\t{units}\t{rate}\t1\t{count}",
+        f"{rate}\t{rate}\t{count}\t{len(data.names)}\tm\t{rate}\t1\t{count}",
         "Frame#\tTime\t" + "\t\t\t".join(data.names) + "\t\t",
         "\t\t" + "\t".join(f"{axis}{i + 1}" for i in range(len(data.names)) for axis in "XYZ"),
         "",
     ]
-    digits = 7 if units == "m" else 4
-    xyz_file = data.xyz_world[..., [1, 2, 0]].reshape(count, -1) / METRES[units]
-    rows = (_line(i + 1, t_s, row, digits) for i, (t_s, row) in enumerate(zip(data.t_s, xyz_file, strict=True)))
+    xyz_file = data.xyz_world[..., [1, 2, 0]].reshape(count, -1)
+    rows = (_line(i + 1, t_s, row) for i, (t_s, row) in enumerate(zip(data.t_s, xyz_file, strict=True)))
     write_lines(path, itertools.chain(lines, rows))
 
 
-def _line(number: int, t_s: float, row: Array, digits: int) -> str:
-    return "\t".join([str(number), f"{t_s:.6f}", *(f"{value:.{digits}f}" for value in row)])
+def _line(number: int, t_s: float, row: Array) -> str:
+    return "\t".join([str(number), f"{t_s:.6f}", *(f"{value:.7f}" for value in row)])
 
 
 def _lines(path: Path) -> list[str]:

@@ -6,51 +6,27 @@ Arrays: ``t_ns person_id xyz_world`` and, per camera number i, ``view<i>_t_ns vi
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 from typing import Any
-
-import numpy as np
 
 from posefuse.core import SE3, SKELETONS, CameraTruth, InputError, JointAngles, PosefuseError, Rig, Truth
 from posefuse.core.arrays import Array
 from posefuse.foundation.parsing import one_line, parse_json, read_bytes, short
 
-from .npz import DAMAGED, read_arrays, write_arrays
-from .recording import camera_from_values, camera_values
+from .npz import DAMAGED, read_arrays
+from .recording import camera_from_values
 
 LOOP_FILE = "loop.json"
-_FORMAT = "posefuse truth 1"
-
-
-def write_truth(path: Path, truth: Truth) -> None:
-    """Write a truth; raises InputError when the file cannot be written."""
-    arrays: dict[str, Array] = {"t_ns": truth.t_ns, "person_id": truth.person_id, "xyz_world": truth.xyz_world}
-    for i, view in enumerate(truth.views):
-        arrays |= {f"view{i}_t_ns": view.t_ns, f"view{i}_xy_img": view.xy_img, f"view{i}_visible": view.visible}
-    description: dict[str, Any] = {
-        "format": _FORMAT,
-        "skeleton": truth.skeleton.name,
-        "world_set_by": truth.rig.world_set_by,
-        "cameras": [camera_values(camera) for camera in truth.rig],
-    }
-    if truth.joints is not None:
-        joints = truth.joints
-        pose = joints.world_from_segment
-        arrays |= {"joints_t_ns": joints.t_ns, "joints_wxyz": pose.wxyz, "joints_xyz": pose.xyz}
-        arrays |= {"joints_angle_rad": joints.angle_rad, "joints_sigma_rad": joints.sigma_rad}
-        description["joints"] = {"segments": joints.segments, "joints": joints.joints, "angle_names": joints.angle_names}
-    arrays["description"] = np.frombuffer(json.dumps(description).encode(), np.uint8)
-    write_arrays(path, arrays)
+FORMAT = "posefuse truth 1"
 
 
 def read_truth(path: Path) -> Truth:
-    """Read what `write_truth` wrote; raises InputError when it is not such a file."""
+    """Read what `posefuse_sim.files.write_truth` wrote; raises InputError when it is not such a file."""
     arrays = read_arrays(path)
     try:
         description = parse_json(f"{path}: description", arrays["description"].tobytes())
-        if description["format"] != _FORMAT:
-            raise InputError(f"{path}: expected a file of format {_FORMAT!r}, got {short(description['format'])}")
+        if description["format"] != FORMAT:
+            raise InputError(f"{path}: expected a file of format {FORMAT!r}, got {short(description['format'])}")
         rig = Rig(tuple(map(camera_from_values, description["cameras"])), description["world_set_by"], 0.0)
         views = tuple(
             CameraTruth(camera=name, **{field: arrays[f"view{i}_{field}"] for field in ("t_ns", "xy_img", "visible")})
@@ -65,13 +41,8 @@ def read_truth(path: Path) -> Truth:
         raise InputError(f"{path}: not a posefuse truth file ({type(error).__name__}: {one_line(error)})") from None
 
 
-def write_loop(folder: Path, loop_ns: int) -> None:
-    """Write next to a truth that its motion repeats every `loop_ns`, for simulators that run endlessly."""
-    (folder / LOOP_FILE).write_text(json.dumps({"loop_ns": loop_ns}) + "\n", encoding="utf-8")
-
-
 def read_loop(folder: Path) -> int | None:
-    """What `write_loop` wrote, None where it wrote nothing; raises InputError when the file is not of that kind."""
+    """After how long the motion of a truth repeats; None where it does not. Raises InputError for another file."""
     path = folder / LOOP_FILE
     if not path.is_file():
         return None

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import codecs
 import json
 import math
 import reprlib
@@ -19,7 +18,6 @@ MOST_YAML_VALUES = 1_000_000
 _MOST_DIGITS, _MOST_INTEGER = 20, 2**63 - 1
 # longest part of a value in a message, and longest message of a library, characters
 _MOST_SHOWN, _MOST_SAID = 100, 400
-_UTF16_MARKS = (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)
 
 
 def read_text(path: Path, error: type[InputError] = InputError) -> str:
@@ -42,21 +40,6 @@ def read_bytes(path: Path) -> bytes:
         raise InputError(f"{path}: cannot be read ({problem.strerror})") from None
 
 
-def read_any_text(path: Path) -> str:
-    """The text of a table as spreadsheets save it: UTF-8, UTF-16 with a byte order mark, else Windows Latin-1.
-
-    Raises:
-        InputError: it cannot be read.
-    """
-    content = read_bytes(path)
-    if content.startswith(_UTF16_MARKS):
-        return content.decode("utf-16", errors="replace")
-    try:
-        return content.decode("utf-8-sig")
-    except UnicodeDecodeError:
-        return content.decode("cp1252", errors="replace")
-
-
 def parse_toml(where: str, text: str, error: type[InputError] = InputError) -> dict[str, Any]:
     """The tables of a TOML text; raises `error` in one line when it is not TOML."""
     try:
@@ -73,7 +56,7 @@ def parse_json(where: str, text: str | bytes, error: type[InputError] = InputErr
         raise error(f"{where}: cannot be parsed as JSON ({one_line(problem)})") from None
 
 
-def parse_yaml(where: str, text: str, error: type[InputError] = InputError, loader: type | None = None) -> Any:
+def parse_yaml(where: str, text: str, error: type[InputError] = InputError) -> Any:
     """The value of a YAML text with at most `MOST_YAML_VALUES` values, aliases counted each time they are used.
 
     Raises:
@@ -82,7 +65,7 @@ def parse_yaml(where: str, text: str, error: type[InputError] = InputError, load
     import yaml  # the help of no command needs it
 
     try:
-        value = yaml.load(text, Loader=loader or yaml.SafeLoader)
+        value = yaml.safe_load(text)
         count = _value_count(value, {})
     except (yaml.YAMLError, ValueError, TypeError, AttributeError, RecursionError, OverflowError) as problem:
         raise error(f"{where}: cannot be parsed as YAML ({one_line(problem)})") from None

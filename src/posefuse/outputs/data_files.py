@@ -6,10 +6,9 @@ from __future__ import annotations
 
 import csv
 import itertools
-import json
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from pathlib import Path
-from typing import ClassVar, Literal
+from typing import ClassVar
 
 import numpy as np
 
@@ -18,22 +17,17 @@ from posefuse.core.arrays import Array
 from posefuse.core.poses import evenly_spaced, point_sigma_m
 from posefuse.formats.c3d import C3dData, write_c3d
 from posefuse.formats.trc import TrcData, write_trc
-from posefuse.foundation.output_file import atomic_file, write_text
+from posefuse.foundation.output_file import atomic_file
 from posefuse.foundation.settings import settings
 
 from .frames import OwnConfig
-from .provenance import person_file, provenance, provenance_text, rate_hz
+from .provenance import person_file, rate_hz
 
 
 @settings
 class TrcSink(OwnConfig):
-    """TRC files. The format has no place for provenance: it is in ``recording.json`` of the same folder.
+    """TRC files in metres."""
 
-    Attributes:
-        units: ``m`` or ``mm``.
-    """
-
-    units: Literal["m", "mm"] = "m"
     name: ClassVar[str] = "trc"
 
     def write(self, recording: Recording, folder: Path) -> list[Path]:
@@ -44,26 +38,20 @@ class TrcSink(OwnConfig):
             data = TrcData(
                 names=poses.skeleton.keypoints, t_s=poses.t_ns / 1e9, xyz_world=poses.xyz_world[:, n], rate_hz=rate_hz(poses)
             )
-            write_trc(path, data, self.units)
+            write_trc(path, data)
             made.append(path)
         return made
 
 
 @settings
 class C3dSink(OwnConfig):
-    """C3D files in millimetres, with standard deviations as residuals and the provenance in the group POSEFUSE."""
+    """C3D files in millimetres, with standard deviations as residuals."""
 
     name: ClassVar[str] = "c3d"
 
     def write(self, recording: Recording, folder: Path) -> list[Path]:
         """Write one file per person; returns the files made. Raises InputError for time steps that are not evenly spaced."""
         poses, made = evenly_spaced(recording.poses), []
-        about = {
-            "VERSION": str(provenance(recording)["version"]),
-            "RIG_ID": recording.rig.id,
-            "START_NS": str(poses.t_ns[0]),
-            "PROVENANCE": provenance_text(recording),
-        }
         for n in range(len(poses.person_id)):
             path = folder / person_file(recording, n, ".c3d")
             write_c3d(
@@ -73,7 +61,7 @@ class C3dSink(OwnConfig):
                     xyz_world=poses.xyz_world[:, n],
                     sigma_m=point_sigma_m(poses.cov_world[:, n]),
                     rate_hz=rate_hz(poses),
-                    about=about,
+                    begin_s=poses.t_ns[0] / 1e9,
                     subject=recording.person_names[n],
                 ),
             )
@@ -129,16 +117,14 @@ class CsvSink(OwnConfig):
     """``pose.csv``: a header, then rows; missing values are empty.
 
     Columns t_s, person, keypoint, x_m, y_m, z_m, sigma_m, n_views, reproj_px, kind. World axes, Z up; sigma_m is the standard
-    deviation along one axis; kind is ``fused``, ``smoothed``... The provenance is in ``pose.csv-metadata.json`` next to it (the
-    name of W3C's CSV on the Web), so that spreadsheets and pandas read the table as it is.
+    deviation along one axis; kind is ``fused``, ``smoothed``...
     """
 
     name: ClassVar[str] = "csv"
 
     def write(self, recording: Recording, folder: Path) -> list[Path]:
-        """Write ``pose.csv`` and ``pose.csv-metadata.json``; returns the files made."""
-        path, about = folder / "pose.csv", folder / "pose.csv-metadata.json"
-        poses = recording.poses
+        """Write ``pose.csv``; returns the files made."""
+        path, poses = folder / "pose.csv", recording.poses
         times, people, keypoints = poses.kind.shape
         columns = {
             "t_s": rounded(np.repeat(poses.t_ns / 1e9, people * keypoints), _DIGITS),
@@ -151,6 +137,4 @@ class CsvSink(OwnConfig):
             "kind": [Kind(kind).name.lower() for kind in poses.kind.ravel().tolist()],
         }
         write_columns(path, columns)
-        metadata = {"@context": "http://www.w3.org/ns/csvw", "url": path.name, "posefuse": provenance(recording)}
-        write_text(about, json.dumps(metadata, indent=2, default=str) + "\n")
-        return [path, about]
+        return [path]

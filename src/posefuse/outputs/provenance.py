@@ -1,8 +1,7 @@
-"""What every output states about a recording: how it was made, its rate, who each file is of."""
+"""What every output states about a recording: its rate, when it was recorded, who each file is of."""
 
 from __future__ import annotations
 
-import json
 import re
 from collections.abc import Mapping
 from datetime import UTC, datetime
@@ -10,21 +9,10 @@ from typing import Any
 
 import numpy as np
 
-from posefuse import __version__
 from posefuse.core import PoseSequence, Recording
 
 # 2000-01-01; sessions of videos and of the simulator may count from zero
 _FIRST_YEAR_NS = 946_684_800 * 10**9
-
-
-def provenance(recording: Recording) -> dict[str, Any]:
-    """The recording's own provenance, with the version and the rig id it must never be without."""
-    return {"version": __version__, "rig_id": recording.rig.id} | dict(recording.provenance)
-
-
-def provenance_text(recording: Recording) -> str:
-    """The provenance as one line of ASCII JSON."""
-    return json.dumps(provenance(recording), ensure_ascii=True, default=str)
 
 
 def rate_hz(poses: PoseSequence) -> float:

@@ -1,4 +1,4 @@
-"""Output ``rerun``: a recording for the Rerun viewer (extra `viewer`): cameras, images, skeletons, uncertainty, plots.
+"""Output ``rerun``: a recording for the Rerun viewer (extra `viewer`): cameras, images, skeletons, uncertainty.
 
 The first part is what every Rerun view shows alike, the live one too. Rerun puts pixel centres at halves, posefuse at integers:
 every 2D position is moved by half a pixel here.
@@ -7,21 +7,18 @@ every 2D position is moved by half a pixel here.
 from __future__ import annotations
 
 import importlib.util
-import json
 import subprocess
 import sys
 import tempfile
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Self
+from typing import TYPE_CHECKING, Any, ClassVar, Self
 
 import numpy as np
-from annotated_types import Ge, Le
 
 from posefuse.core import Camera, DependencyError, Frame, Recording, Skeleton
 from posefuse.core.arrays import Array
-from posefuse.core.poses import point_sigma_m
 from posefuse.core.se3 import wxyz_from_matrix
 from posefuse.foundation.output_file import atomic_file, check_space
 from posefuse.foundation.platform import display
@@ -29,7 +26,6 @@ from posefuse.foundation.settings import settings
 
 from .drawing import DETECTION_RGB, bone_colours, jpeg_of, keypoint_colours, shrunk, shrunk_wh
 from .frames import Frames, FrameSets, ImageOutput, ShowStep, write_outputs
-from .provenance import provenance
 
 if TYPE_CHECKING:
     import rerun as rr
@@ -39,6 +35,8 @@ SPAWN = "spawn"
 CAMERAS = "world/cameras"
 RGB = tuple[int, int, int]
 _MEMORY = "512MiB"
+# longer side of stored images
+_IMAGE_PX = 640
 _HALF_PX = 0.5
 _IMAGE_PLANE_M, _BONE_M, _POINT_M = 0.5, 0.012, 0.02
 # a name stands so high above the highest keypoint
@@ -170,13 +168,13 @@ def log_detections(stream: rr.RecordingStream, camera: str, xy_img: Array, rgb: 
     stream.log(f"{camera_path(camera)}/detections", points)
 
 
-def session_blueprint(names: Sequence[str], below: Sequence[Any]) -> rr.blueprint.Blueprint:
-    """3D on the left, all cameras on the right, plots and texts below."""
+def session_blueprint(names: Sequence[str], below: Sequence[Any] = ()) -> rr.blueprint.Blueprint:
+    """3D on the left, all cameras on the right; `below`: at most one view below them."""
     import rerun.blueprint as rrb
 
     views = (rrb.Spatial2DView(origin=camera_path(name), contents=["$origin/**"], name=name) for name in names)
     above = rrb.Horizontal(rrb.Spatial3DView(origin="world", name="3D"), rrb.Grid(*views), column_shares=[3, 4])
-    return rrb.Blueprint(rrb.Vertical(above, rrb.Horizontal(*below), row_shares=[3, 1]), collapse_panels=True)
+    return rrb.Blueprint(rrb.Vertical(above, *below, row_shares=[3, 1][: 1 + len(below)]), collapse_panels=True)
 
 
 def ellipsoid_axes(cov: Array) -> tuple[Array, Array]:
@@ -193,13 +191,8 @@ def _bone_rgb(skeleton: Skeleton) -> Array:
 
 @settings
 class RerunSink(ImageOutput):
-    """``recording.rrd``, opens with ``rerun recording.rrd`` or ``posefuse view DIR``.
+    """``recording.rrd``, opens with ``rerun recording.rrd`` or ``posefuse view DIR``."""
 
-    Attributes:
-        image_px: longer side of the stored images; 0 stores none.
-    """
-
-    image_px: Annotated[int, Ge(0), Le(8192)] = 640
     name: ClassVar[str] = "rerun"
     file: ClassVar[str] = "recording.rrd"
 
@@ -210,7 +203,7 @@ class RerunSink(ImageOutput):
 
     @contextmanager
     def showing(self, recording: Recording, path: Path) -> Iterator[ShowStep]:
-        """What never changes is logged at once, plots as whole columns, and the rest step by step."""
+        """What never changes is logged at once, and the rest step by step."""
         check_rerun()
         import rerun as rr
 
@@ -219,8 +212,8 @@ class RerunSink(ImageOutput):
         with atomic_file(path) as staged:
             try:
                 check_room(staged)
-                stream.save(staged, default_blueprint=session_blueprint(recording.rig.names, _below()))
-                yield _Logged(stream, recording, self.image_px, staged).step
+                stream.save(staged, default_blueprint=session_blueprint(recording.rig.names))
+                yield _Logged(stream, recording, staged).step
             finally:
                 stream.disconnect()
 
@@ -252,12 +245,10 @@ def show_recording(recording: Recording, frame_sets: FrameSets | None = None) ->
 class _Logged:
     """A recording that is logged to a stream into a file."""
 
-    def __init__(self, stream: rr.RecordingStream, recording: Recording, image_px: int, file: Path) -> None:
-        self._stream, self._recording, self._image_px, self._file = stream, recording, image_px, file
-        self._cameras = [_shown(camera, image_px) for camera in recording.rig]
+    def __init__(self, stream: rr.RecordingStream, recording: Recording, file: Path) -> None:
+        self._stream, self._recording, self._file = stream, recording, file
+        self._cameras = [camera.scaled(shrunk_wh(camera.size_wh, _IMAGE_PX)) for camera in recording.rig]
         log_cameras(stream, self._cameras)
-        self._log_about()
-        self._log_plots()
 
     def step(self, i: int, frames: Frames) -> None:
         """One time step; raises InputError where the disk is nearly full."""
@@ -271,62 +262,15 @@ class _Logged:
         for c, frame in enumerate(frames):
             self._log_view(i, c, frame)
 
-    def _log_about(self) -> None:
-        import rerun as rr
-
-        about = json.dumps(provenance(self._recording), indent=2, default=str)
-        self._stream.log("about", rr.TextDocument(f"```json\n{about}\n```", media_type="text/markdown"), static=True)
-
-    def _log_plots(self) -> None:
-        import rerun as rr
-
-        poses = self._recording.poses
-        times = rr.TimeColumn(TIMELINE, duration=poses.t_ns / 1e9)
-        for n, person in enumerate(poses.person_id):
-            series = {
-                "reprojection_px": _mean_over_keypoints(poses.reproj_px[:, n]),
-                "views": poses.n_views[:, n].mean(axis=1),
-                "sigma_mm": _mean_over_keypoints(point_sigma_m(poses.cov_world[:, n])) * 1000,
-            }
-            for name, values in series.items():
-                path = f"plots/{name}/person_{person}"
-                self._stream.log(path, rr.SeriesLines(names=self._recording.person_names[n]), static=True)
-                self._stream.send_columns(path, [times], rr.Scalars.columns(scalars=values))
-
     def _log_view(self, i: int, c: int, frame: Frame | None) -> None:
         import rerun as rr
 
         recording, camera = self._recording, self._cameras[c]
-        if self._image_px:
-            image = None if frame is None else jpeg_of(shrunk(frame.image, self._image_px))
-            blank = rr.Clear(recursive=False) if image is None else rr.EncodedImage(contents=image, media_type="image/jpeg")
-            self._stream.log(f"{camera_path(camera.name)}/image", blank)
+        image = None if frame is None else jpeg_of(shrunk(frame.image, _IMAGE_PX))
+        shown = rr.Clear(recursive=False) if image is None else rr.EncodedImage(contents=image, media_type="image/jpeg")
+        self._stream.log(f"{camera_path(camera.name)}/image", shown)
         scale = np.array(camera.size_wh) / recording.rig.cameras[c].size_wh
         views = recording.views
         seen = views.score[i, :, c] > 0
         log_detections(self._stream, camera.name, views.xy_img[i, :, c][seen], DETECTION_RGB, scale)
         log_projection(self._stream, camera, recording.poses.skeleton, recording.poses.xyz_world[i])
-
-
-def _below() -> list[Any]:
-    """Plots and texts under the views."""
-    import rerun.blueprint as rrb
-
-    return [
-        rrb.TimeSeriesView(origin="plots/reprojection_px", name="reprojection error, px"),
-        rrb.TimeSeriesView(origin="plots/views", name="views per keypoint"),
-        rrb.TimeSeriesView(origin="plots/sigma_mm", name="standard deviation, mm"),
-        rrb.TextDocumentView(origin="about", name="about"),
-    ]
-
-
-def _shown(camera: Camera, longest_px: int) -> Camera:
-    """The camera for the stored images, never enlarged."""
-    return camera.scaled(shrunk_wh(camera.size_wh, longest_px)) if longest_px else camera
-
-
-def _mean_over_keypoints(values: Array) -> Array:
-    """(T,) mean over what is there; NaN where nothing is."""
-    there = np.isfinite(values)
-    count = there.sum(axis=1)
-    return np.where(count > 0, np.where(there, values, 0).sum(axis=1) / np.maximum(count, 1), np.nan)

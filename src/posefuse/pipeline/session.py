@@ -27,10 +27,6 @@ RIG_PATTERNS = (
     "[Cc]alib*.toml",
     "*_camera_calibration.toml",
     "*.qca.txt",
-    "[Cc]alib*.json",
-    "[Cc]alib*.y*ml",
-    "cameras",
-    "camera_info",
 )
 RIG_FOLDERS = (".", "calibration", "Calibration")
 KINDS = ("videos", "images", "pose2d")

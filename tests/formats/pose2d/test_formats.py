@@ -2,7 +2,6 @@
 
 import csv
 import json
-import pickle
 from collections.abc import Callable
 from pathlib import Path
 
@@ -12,7 +11,6 @@ from checks import refusal
 
 from posefuse.core import SKELETONS, InputError
 from posefuse.formats.pose2d import FORMATS, UNTRACKED, Pose2DFrames, read_pose2d
-from posefuse.formats.pose2d.deeplabcut import _column_names
 from posefuse.formats.pose2d.frames import keypoint_name
 
 DATA = Path(__file__).parent / "data"
@@ -159,20 +157,18 @@ def test_the_same_people_in_every_format(name: str, tmp_path: Path) -> None:
     same(frames, tracks)
 
 
-def test_deeplabcut_files_made_by_pandas() -> None:
-    pytest.importorskip("h5py", reason="the extra h5 is not installed")
-    table, text = (read_pose2d(DATA / f"deeplabcut_two.{suffix}", "cam") for suffix in ("h5", "csv"))
-    assert table.skeleton.keypoints == ("nose", "left_shoulder", "right_shoulder", "left_knee")
-    assert table.skeleton.bones == (("left_shoulder", "right_shoulder"),)
-    assert [len(table.frame(i, 0)) for i in range(3)] == [2, 1, 2]
-    for i in range(3):
-        one, two = table.frame(i, 0), text.frame(i, 0)
-        assert np.array_equal(one.xy_img, two.xy_img) and np.array_equal(one.score, two.score)
-    assert table.frame(0, 0).xy_img[0, 0] == pytest.approx([254.78, 107.91], abs=0.01)
+def test_a_deeplabcut_file_made_by_pandas() -> None:
+    frames = read_pose2d(DATA / "deeplabcut_two.csv", "cam")
+    assert frames.skeleton.keypoints == ("nose", "left_shoulder", "right_shoulder", "left_knee")
+    assert frames.skeleton.bones == (("left_shoulder", "right_shoulder"),)
+    assert [len(frames.frame(i, 0)) for i in range(3)] == [2, 1, 2]
+    assert frames.frame(0, 0).xy_img[0, 0] == pytest.approx([254.78, 107.91], abs=0.01)
 
 
-def test_a_pickle_that_could_run_something_is_refused(tmp_path: Path) -> None:
-    refusal(InputError, "not a plain value", lambda: _column_names(pickle.dumps([print]), tmp_path / "x.h5"))
+def test_the_table_of_deeplabcut_is_refused_with_how_to_make_the_csv(tmp_path: Path) -> None:
+    path = tmp_path / "camDLC.h5"
+    path.write_bytes(b"\x89HDF\r\n\x1a\n")
+    refusal(InputError, r"camDLC\.h5: camera cam: .*analyze_videos_converth5_to_csv", read_pose2d, path, "cam")
 
 
 def test_visibilities_of_annotations_become_scores(tmp_path: Path) -> None:

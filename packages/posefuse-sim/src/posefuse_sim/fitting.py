@@ -30,7 +30,6 @@ from posefuse.detection.card import OnnxCard, read_card
 from posefuse.detection.networks import OneStageDetector, OnnxConfig, TopDownDetector
 from posefuse.detection.noise import FEATURES, NoiseModel, keypoint_noise_features
 from posefuse.evaluation.metrics import true_xyz_at
-from posefuse.formats.joint_centres import joint_centres_text
 from posefuse.formats.trc import TrcData, write_trc
 from posefuse.formats.truth import read_truth
 from posefuse.foundation.output_file import write_text
@@ -43,6 +42,7 @@ from posefuse.tracking import to_joint_centres
 from posefuse.tracking.body_directions import keypoint_of, segment_lengths
 from posefuse.tracking.joint_centres import MOST_LONGER_M, joint_directions
 
+from .files import joint_centres_text
 from .scene import Scene
 from .session import simulate
 

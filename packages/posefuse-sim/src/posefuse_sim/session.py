@@ -26,16 +26,15 @@ import numpy as np
 from posefuse.core import InputError
 from posefuse.core.arrays import Array
 from posefuse.core.errors import warn_caller
-from posefuse.formats.image_folders import write_frame_times
 from posefuse.formats.npz import read_arrays, write_arrays
 from posefuse.formats.rig import write_rig
-from posefuse.formats.truth import write_truth
 from posefuse.formats.video import MP4_OPTIONS, TIME_BASE, open_mp4
 from posefuse.foundation.output_folder import check_replaceable, find_unfinished, output_folder
 from posefuse.foundation.platform import usable_cores
 
 from .build import LiveScene, live_scene
 from .exact import flesh_of_points, prop_truth, truth_with
+from .files import write_frame_times, write_truth
 from .render.model import render_model
 from .render.shot import exposed, moments_of
 from .render.stage import working_backend

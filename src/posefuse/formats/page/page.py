@@ -44,24 +44,15 @@ class Cards:
 
 @dataclass(frozen=True, eq=False)
 class Images:
-    """Captions to RGB images (H, W, 3) uint8, stored inside the page as JPEG.
-
-    Attributes:
-        raster: each fills the width of the page, its pixels as blocks, which PNG keeps as they are.
-    """
+    """Captions to RGB images (H, W, 3) uint8, stored inside the page as JPEG."""
 
     images: Mapping[str, Array]
-    _: KW_ONLY
-    raster: bool = False
     kind: ClassVar[str] = "images"
 
     @property
     def shown(self) -> list[tuple[str, str]]:
         """Captions and ``data:`` addresses."""
-        kind = "png" if self.raster else "jpeg"
-        return [
-            (caption, f"data:image/{kind};base64,{_text_of(_encoded(image, kind))}") for caption, image in self.images.items()
-        ]
+        return [(caption, f"data:image/jpeg;base64,{_text_of(_encoded(image))}") for caption, image in self.images.items()]
 
 
 @dataclass(frozen=True)
@@ -73,13 +64,12 @@ class Details:
     kind: ClassVar[str] = "details"
 
 
-def _encoded(image: Array, kind: str) -> bytes:
+def _encoded(image: Array) -> bytes:
     import cv2
 
     if image.ndim != 3 or image.shape[2] != 3 or not image.size or image.dtype != np.uint8:
         raise InputError(f"page: expected an RGB image (H, W, 3) uint8, got {image.shape} {image.dtype}")
-    quality = [cv2.IMWRITE_JPEG_QUALITY, 85] if kind == "jpeg" else []
-    return cv2.imencode(f".{kind}", np.ascontiguousarray(image[..., ::-1]), quality)[1].tobytes()
+    return cv2.imencode(".jpg", np.ascontiguousarray(image[..., ::-1]), [cv2.IMWRITE_JPEG_QUALITY, 85])[1].tobytes()
 
 
 Side = Literal["left", "right", "mid"]

@@ -15,9 +15,9 @@ from . import alphapose, coco, deeplabcut, mmpose, openpose
 from .frames import UNTRACKED, People2D, Pose2DFrames, parsed_json
 from .openpose import read_openpose_folder
 
-# what reading values of the wrong type or shape may raise, tables and HDF5 files that break off included
+# what reading values of the wrong type or shape may raise, tables that break off included
 _MALFORMED = (KeyError, TypeError, ValueError, IndexError, AttributeError, OverflowError, OSError, RuntimeError, csv.Error)
-POSE2D_SUFFIXES = (".json", ".csv", ".h5", ".hdf5")
+POSE2D_SUFFIXES = (".json", ".csv", ".h5")
 PREDICTIONS_FOLDER = "predictions"
 """Where MMPose puts its files in the folder that it is given for them."""
 
@@ -37,7 +37,6 @@ def read_pose2d(path: Path, camera: str, *, skeleton: Skeleton | None = None) ->
 
     Raises:
         InputError: nothing there, no format that fits (lists what was looked for), or content that is not as it should be.
-        DependencyError: HDF5 without the extra ``h5``.
     """
     if not path.exists():
         raise InputError(f"{path}: camera {camera}: no such file or folder of 2D poses")

@@ -24,14 +24,10 @@ from .plausible import centre_problem
 HOLDS = "caliscope camera_array.toml; Anipose / Pose2Sim *.toml"
 
 
-def matches(path: Path, content: Any) -> bool:
-    """Whether this is such a file."""
-    return path.suffix == ".toml" and ("cameras" not in content or isinstance(content["cameras"], Mapping))
-
-
 def rig_from(path: Path, content: Mapping[str, Any]) -> Rig:
     """The rig of a parsed file."""
-    return _rig_of_caliscope(path, content["cameras"]) if "cameras" in content else _rig_of_anipose(path, content)
+    tables = content.get("cameras")
+    return _rig_of_caliscope(path, tables) if isinstance(tables, Mapping) else _rig_of_anipose(path, content)
 
 
 def _rig_of_anipose(path: Path, content: Mapping[str, Any]) -> Rig:

@@ -17,7 +17,7 @@ from posefuse.foundation.parsing import short
 from .plausible import require_plausible
 
 # what rounding to a few digits does to a rotation is mended; anything more is not a rotation
-ROTATION_TOLERANCE = 1e-3
+_ROTATION_TOLERANCE = 1e-3
 # no recording room is larger, and cameras in millimetres are always farther apart; where the origin lies is free (a robot's map)
 FARTHEST_M = 200.0
 # no pixel, metre or coefficient is larger; squares of damaged numbers overflow
@@ -41,12 +41,11 @@ def numbers(where: str, value: Any, shape: tuple[int, ...] | None = None) -> Arr
     return array
 
 
-def entry(where: str, content: Mapping[str, Any], *names: str) -> Any:
-    """The value under the first of `names` that is there; raises CalibrationError when none is."""
-    for name in names:
-        if name in content:
-            return content[name]
-    raise CalibrationError(f"{where}: {' or '.join(names)} is missing; there are: {choices(map(str, content))}")
+def entry(where: str, content: Mapping[str, Any], name: str) -> Any:
+    """The value under `name`; raises CalibrationError when there is none."""
+    if name not in content:
+        raise CalibrationError(f"{where}: {name} is missing; there are: {choices(map(str, content))}")
+    return content[name]
 
 
 def image_size(where: str, value: Any) -> tuple[int, int]:
@@ -61,12 +60,12 @@ def rotation_matrix(where: str, value: Any) -> Array:
     """(3, 3) proper rotation from a matrix or a rotation vector (Rodrigues, radians).
 
     Raises:
-        CalibrationError: a mirror image, or not orthonormal within `ROTATION_TOLERANCE`.
+        CalibrationError: a mirror image, or not orthonormal within `_ROTATION_TOLERANCE`.
     """
     given = numbers(f"{where}: rotation", value)
     if given.shape in ((3,), (3, 1), (1, 3)):
         turn = float(np.linalg.norm(given))
-        if turn > 2 * np.pi + ROTATION_TOLERANCE:
+        if turn > 2 * np.pi + _ROTATION_TOLERANCE:
             raise CalibrationError(
                 f"{where}: rotation: expected a rotation vector in radians, at most 2 pi long, got {turn:.1f}; is it in degrees?"
             )
@@ -74,7 +73,7 @@ def rotation_matrix(where: str, value: Any) -> Array:
     if given.shape != (3, 3):
         raise CalibrationError(f"{where}: rotation: expected a 3x3 matrix or 3 numbers (Rodrigues), got shape {given.shape}")
     off = float(np.abs(given @ given.T - np.eye(3)).max())
-    if off > ROTATION_TOLERANCE:
+    if off > _ROTATION_TOLERANCE:
         raise CalibrationError(f"{where}: rotation: not a rotation matrix (R R^T is off the identity by {off:.2g})")
     if np.linalg.det(given) < 0:
         raise CalibrationError(f"{where}: rotation: mirrored (determinant -1); two axes are swapped or one is flipped")

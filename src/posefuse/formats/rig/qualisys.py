@@ -17,7 +17,6 @@ from __future__ import annotations
 
 import xml.etree.ElementTree as ET
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -33,11 +32,6 @@ _MM = 1000.0
 _OPENCV_FROM_QUALISYS = np.diag([1.0, -1.0, -1.0])
 _RADIAL = ("radialDistortion1", "radialDistortion2", "radialDistortion3")
 _TANGENTIAL = ("tangentalDistortion1", "tangentalDistortion2")
-
-
-def matches(path: Path, content: Any) -> bool:
-    """Whether this is such a file."""
-    return isinstance(content, ET.Element) and content.tag == "calibration"
 
 
 def rig_from(path: Path, content: ET.Element) -> Rig:

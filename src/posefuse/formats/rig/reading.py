@@ -5,60 +5,39 @@ from __future__ import annotations
 import re
 import xml.etree.ElementTree as ET
 from pathlib import Path
-from types import ModuleType
-from typing import Any
-
-import yaml
 
 from posefuse.core import CalibrationError, Rig
 from posefuse.foundation.output_file import write_text
-from posefuse.foundation.parsing import one_line, parse_json, parse_toml, parse_yaml, read_text
+from posefuse.foundation.parsing import one_line, parse_toml, read_text
 
-from . import camera_toml, camera_yaml, parts, qualisys
+from . import camera_toml, qualisys
 from .plausible import doubts, require_placed
 
-# TOML, XML, YAML and JSON files parsed to plain values, OpenCV's and ROS's matrices included.
 
-# Newer versions of OpenCV write what numpy has in one dimension with the second
-_MATRIX_TAGS = ("tag:yaml.org,2002:opencv-matrix", "tag:yaml.org,2002:opencv-nd-matrix")
-
-
-class _Loader(yaml.SafeLoader):
-    """YAML 1.1 plus OpenCV's matrix tag, and numbers like 1e-5 or 1.e-05, which YAML 1.1 takes for text."""
-
-
-def _matrix(loader: yaml.SafeLoader, node: yaml.MappingNode) -> dict[Any, Any]:
-    return loader.construct_mapping(node, deep=True)
-
-
-for _tag in _MATRIX_TAGS:
-    _Loader.add_constructor(_tag, _matrix)
-_Loader.add_implicit_resolver(
-    "tag:yaml.org,2002:float",
-    re.compile(r"[-+]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)[eE][-+]?[0-9]+\Z"),
-    list("-+0123456789."),
-)
-
-
-def read_document(path: Path) -> Any:
-    """The content of a file: a mapping (.toml, .yaml, .yml, .json) or an XML element; None for anything else.
-
-    Matrices written as rows, cols, data become nested lists.
+def read_rig(path: Path | str) -> Rig:
+    """The rig in a file, or in the ``rig.toml`` of a folder.
 
     Raises:
-        CalibrationError: it cannot be read, or does not match its name.
+        CalibrationError: no such file, a format not known (lists those that are), or a rig that cannot be right: a
+            missing key, NaN, a mirrored or non-rotation matrix, millimetres for metres, degrees for radians, intrinsics that
+            no camera has, a name twice. One line that names
+            file, camera, what was expected and what was there.
     """
-    where, text = str(path), read_text(path, CalibrationError)
+    path = Path(path)
+    if path.is_dir():
+        path = path / "rig.toml"
+    if not path.is_file():
+        raise CalibrationError(f"{path}: no such calibration file")
+    text = read_text(path, CalibrationError)
     if path.suffix == ".toml":
-        return parse_toml(where, text, CalibrationError)
-    if text.lstrip().startswith("<"):
-        return _xml(path, text)
-    if path.suffix == ".json":
-        return _matrices(where, parse_json(where, text, CalibrationError))
-    if path.suffix in (".yaml", ".yml"):
-        # OpenCV's header is not the one the YAML standard has
-        return _matrices(where, parse_yaml(where, re.sub(r"\A%YAML:.*\n", "", text), CalibrationError, _Loader))
-    return None
+        return camera_toml.rig_from(path, parse_toml(str(path), text, CalibrationError))
+    element = _xml(path, text) if text.lstrip().startswith("<") else None
+    if element is not None and element.tag == "calibration":
+        return qualisys.rig_from(path, element)
+    raise CalibrationError(
+        f"{path}: no calibration in a known format; known: {camera_toml.HOLDS}; {qualisys.HOLDS}; "
+        "write other cameras as TOML with posefuse.Rig(cameras).save(FILE), or by hand as docs/reference/files.md shows"
+    )
 
 
 def _xml(path: Path, text: str) -> ET.Element:
@@ -69,53 +48,6 @@ def _xml(path: Path, text: str) -> ET.Element:
         return ET.fromstring(re.sub(r"\A\s*<\?xml.*?\?>", "", text))
     except (ET.ParseError, ValueError) as error:
         raise CalibrationError(f"{path}: cannot be parsed as XML ({one_line(error)})") from None
-
-
-def _matrices(where: str, value: Any) -> Any:
-    if isinstance(value, list):
-        return [_matrices(where, part) for part in value]
-    if not isinstance(value, dict):
-        return value
-    if {"sizes", "data"} <= set(value) and isinstance(value["sizes"], list) and len(value["sizes"]) == 1:
-        value = {**value, "rows": value["sizes"][0], "cols": 1}
-    if {"rows", "cols", "data"} <= set(value):
-        rows, cols, data = value["rows"], value["cols"], value["data"]
-        if not (isinstance(rows, int) and isinstance(cols, int) and isinstance(data, list) and len(data) == rows * cols):
-            raise CalibrationError(f"{where}: matrix: expected rows x cols = {rows} x {cols} numbers in data, got {_count(data)}")
-        return [data[i * cols : (i + 1) * cols] for i in range(rows)] if rows > 1 and cols > 1 else data
-    return {key: _matrices(where, part) for key, part in value.items()}
-
-
-def _count(data: Any) -> str:
-    return str(len(data)) if isinstance(data, list) else type(data).__name__
-
-
-_READERS: tuple[ModuleType, ...] = (camera_toml, qualisys, camera_yaml)
-_FOLDER_SUFFIXES = (".yaml", ".yml", ".json")
-
-
-def read_rig(path: Path | str) -> Rig:
-    """The rig in a file, a folder with a ``rig.toml``, or one of a file per camera; the format is recognised by its content.
-
-    Raises:
-        CalibrationError: no such file, a format not known (lists those that are), or a rig that cannot be right: a
-            missing key, NaN, a mirrored or non-rotation matrix, millimetres for metres, degrees for radians, intrinsics that
-            no camera has, a name twice. One line that names
-            file, camera, what was expected and what was there.
-    """
-    path = Path(path)
-    if path.is_dir():
-        if not (path / "rig.toml").is_file():
-            return _read_folder(path)
-        path = path / "rig.toml"
-    if not path.is_file():
-        raise CalibrationError(f"{path}: no such calibration file or folder")
-    content = read_document(path)
-    for module in _READERS:
-        if content is not None and module.matches(path, content):
-            rig: Rig = module.rig_from(path, content)
-            return rig
-    raise CalibrationError(f"{path}: no calibration in a known format; known: {'; '.join(m.HOLDS for m in _READERS)}")
 
 
 def read_placed_rig(path: Path | str) -> Rig:
@@ -149,10 +81,3 @@ def write_rig(path: Path | str, rig: Rig) -> None:
     if path.suffix != ".toml":
         raise CalibrationError(f"{path}: a rig file is TOML: expected a name that ends in .toml")
     write_text(path, camera_toml.text_from(rig))
-
-
-def _read_folder(folder: Path) -> Rig:
-    files = sorted(file for file in folder.iterdir() if file.suffix in _FOLDER_SUFFIXES and file.is_file())
-    if not files:
-        raise CalibrationError(f"{folder}: expected one calibration file per camera ({', '.join(_FOLDER_SUFFIXES)}), got none")
-    return parts.rig(folder, [camera for file in files for camera in read_rig(file)], {})

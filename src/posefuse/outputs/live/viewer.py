@@ -76,7 +76,6 @@ class RerunLiveOutput:
         self._rig: Any = ()
         self._zero_ns = 0
         self._shown_ns: dict[str, int] = {}
-        self._captured: dict[str, tuple[int, float]] = {}
         self._people: set[int] = set()
         self._names: dict[int, str] = {}
 
@@ -151,23 +150,5 @@ class RerunLiveOutput:
         self._stream.set_time(TIMELINE, duration=(t_ns - self._zero_ns) / 1e9)
         for name, camera in cameras.items():
             self._stream.log(camera_path(name), pinhole(self._rig[name], _GOOD_RGB if camera.state == "ok" else _BAD_RGB))
-        came_hz = {name: self._rate_hz(name, t_ns, camera.figures["captured"]) for name, camera in cameras.items()}
-        self._stream.log("health", rr.TextDocument(health_table(cameras, came_hz), media_type="text/markdown"))
-
-    def _rate_hz(self, name: str, t_ns: int, captured: float) -> float:
-        """Frames that came per second since the last message."""
-        before_ns, before = self._captured.get(name, (t_ns, captured))
-        self._captured[name] = t_ns, captured
-        return (captured - before) * 1e9 / (t_ns - before_ns) if t_ns > before_ns else 0.0
-
-
-def health_table(cameras: Mapping[str, CameraHealth], came_hz: Mapping[str, float]) -> str:
-    """Markdown, one row per camera; a faulty one in bold."""
-    rows = ["| camera | state | frames/s | age ms | dropped | p95 ms | residual |", "|---" * 7 + "|"]
-    for name, camera in cameras.items():
-        figures, words = camera.figures, camera.state if camera.state == "ok" else f"**{camera.state}** {camera.text}"
-        rows.append(
-            f"| {name} | {words} | {came_hz[name]:.0f} | {figures['age_ms']:.0f} | {figures['replaced']:.0f} "
-            f"| {figures['latency_p95_ms']:.0f} | {figures['innovation_sigmas']:.2f} |"
-        )
-    return "\n".join(rows)
+        rows = [f"- {name}: {camera.state} {camera.text}" for name, camera in cameras.items()]
+        self._stream.log("health", rr.TextDocument("\n".join(rows), media_type="text/markdown"))

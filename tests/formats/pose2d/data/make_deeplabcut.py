@@ -1,4 +1,4 @@
-"""How the DeepLabCut files next to this script were made, as DeepLabCut makes them; needs pandas and PyTables, tests do not."""
+"""How the DeepLabCut file next to this script was made, as DeepLabCut makes it; needs pandas, tests do not."""
 
 from pathlib import Path
 
@@ -14,5 +14,4 @@ values = np.random.default_rng(0).uniform(0, 400, (3, len(columns))).round(2)
 values[:, 2::3] = (values[:, 2::3] / 400).round(3)
 values[1, 12:] = np.nan
 table = pd.DataFrame(values, columns=columns)
-table.to_hdf(HERE / "deeplabcut_two.h5", key="df_with_missing", format="table", mode="w")
 table.to_csv(HERE / "deeplabcut_two.csv")

@@ -26,13 +26,13 @@ from posefuse.core.ideal_image import drawn_camera
 from posefuse.core.se3 import SE3
 from posefuse.formats.npz import write_arrays
 from posefuse.formats.rig import write_rig
-from posefuse.formats.truth import write_loop, write_truth
 from posefuse.foundation.output_folder import output_folder
 from posefuse.foundation.parsing import ros_name
 from posefuse.foundation.summary import Block, Facts, Heading, Note
 from posefuse_sim.build import LiveScene, live_scene
 from posefuse_sim.cameras import ListedCameras, SensorSettings, placed_cameras
 from posefuse_sim.exact import prop_truth, truth_with, visible_to_all
+from posefuse_sim.files import write_loop, write_truth
 from posefuse_sim.props import StillPath
 from posefuse_sim.render.textures import png
 from posefuse_sim.scene import Scene, motion_files, write_scene

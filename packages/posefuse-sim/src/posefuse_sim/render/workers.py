@@ -20,13 +20,13 @@ import numpy as np
 
 from posefuse.core import InputError, PosefuseError
 from posefuse.core.arrays import Array
-from posefuse.formats.image_folders import write_depth
 from posefuse.formats.npz import write_arrays
 from posefuse.formats.video import VideoWriter
 from posefuse.foundation.requests_to_end import children_ignore_requests, leave_requests_to_parent
 from posefuse.outputs.drawing import jpeg_of
 from posefuse_sim.build import LiveScene
 from posefuse_sim.exact import SeenPoints
+from posefuse_sim.files import write_depth
 from posefuse_sim.scene import H264Settings
 
 from .shot import CameraShooter, noise_seed
