@@ -114,7 +114,7 @@ def test_a_robot_that_cannot_be_driven_is_reported_in_one_line():
 
 
 def teleoperating(demo_session, *options):
-    words = command(demo_session, "--deadman", "gesture", "--elsewhere", *options)
+    words = command(demo_session, "--deadman", "web", "--elsewhere", *options)
     running = Live(["teleoperate" if word == "live" else word for word in words])
     running.wait_for("READY")
     return running
@@ -156,6 +156,6 @@ def test_ctrl_c_ends_a_session_in_order_and_its_figures_are_printed(demo_session
 )
 def test_no_option_of_a_robot_is_ignored(options, words, demo_session, capsys):
     rig, source = str(demo_session / "rig.toml"), f"sim:{demo_session}"
-    assert cli.main(["teleoperate", rig, "--source", source, "--deadman", "gesture", *options.split()]) == 1
+    assert cli.main(["teleoperate", rig, "--source", source, "--deadman", "web", *options.split()]) == 1
     out, err = capsys.readouterr()
     assert out == "" and words in err and err.count("\n") == 1

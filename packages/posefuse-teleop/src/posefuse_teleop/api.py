@@ -27,7 +27,6 @@ def teleoperate(
     frames: Sequence[str] | None = None,
     command: str | None = None,
     ros: RosPlan | None = None,
-    emergency_stop: bool = False,
     view: bool = False,
     show: str | Path | None = None,
     scene: str | None = None,
@@ -39,12 +38,11 @@ def teleoperate(
 
     Args:
         session: from `posefuse.live`, not yet begun.
-        deadman: ``key``, ``joystick:DEVICE``, ``ros:/TOPIC``, ``web``, ``web:PORT``, ``gesture``, or a switch of your own.
+        deadman: ``key``, ``joystick:DEVICE``, ``ros:/TOPIC``, ``web``, ``web:PORT``, or a switch of your own.
         settings: hands, mapping, gate, limits, separation, robot.
         robot: ``sim``, our own in MuJoCo, or an MJCF file. frames: its sites, one per hand; default ``right_hand`` ...
         command: None drives the robot in MuJoCo; ``pose``, ``twist`` or ``joints`` drives one over `ros`. A dead-man's switch
             ``ros:/TOPIC`` is there, too; without `ros` where the session has ROS.
-        emergency_stop: there is one within reach; needed for a gesture that moves a robot over ROS.
         view: open MuJoCo's viewer. show: operator, robot, workspace and keep-out in Rerun: ``spawn`` opens its viewer, anything
             else is the .rrd file to write (extra ``viewer``).
         scene: MJCF text instead of a file. record: .mcap of commands and states of the robot.
@@ -79,9 +77,7 @@ def teleoperate(
         scene=scene,
     )
     with ExitStack() as stack:
-        switch = open_deadman(
-            deadman, gesture_allowed=command is None or emergency_stop, ros=lambda: ros or RosPlan.listening(session.ros)
-        )
+        switch = open_deadman(deadman, ros=lambda: ros or RosPlan.listening(session.ros))
         stack.callback(switch.close)
         session.ros_used_elsewhere = ros is not None or str(deadman).startswith("ros:")
         watches = [] if watch is None else [watch]

@@ -59,9 +59,7 @@ class RobotOptions(NamedSettings):
 
     Attributes:
         hand: The hand that the robot follows; both move a robot with two arms (default right).
-        deadman: key (space bar), joystick:/dev/input/js0, ros:/joy, web[:PORT] (a page with a button), gesture (the other hand
-            raised).
-        i_have_an_emergency_stop: An emergency stop of the robot is within reach: lets a gesture move a robot over ROS.
+        deadman: key (space bar), joystick:/dev/input/js0, ros:/joy, web[:PORT] (a page with a button).
         robot: Our own mobile manipulator, or an MJCF model with position actuators.
         frame: Site (with --command pose or twist: tf frame) of the end effector, one per hand (default right_hand, left_hand).
         robot_at: Where the robot's base frame stands in the world of the rig, m and degrees (default 0,0,0).
@@ -77,7 +75,6 @@ class RobotOptions(NamedSettings):
 
     hand: Annotated[Literal["right", "left", "both"] | None, Parameter(group=HAND)] = None
     deadman: Annotated[str, Parameter(metavar="SWITCH", group=HAND)] = "key"
-    i_have_an_emergency_stop: Annotated[bool, Parameter(group=HAND)] = False
     robot: Annotated[str, Parameter(metavar="sim|FILE.xml")] = "sim"
     frame: Annotated[tuple[str, ...], Parameter(metavar="SITE")] = ()
     robot_at: Annotated[tuple[float, float, float] | None, Place] = None
@@ -191,7 +188,6 @@ def teleoperate(
             frames=robot.frame,
             command=ros.command,
             ros=plan if wanted else None,
-            emergency_stop=robot.i_have_an_emergency_stop,
             view=robot.view,
             show=robot.view_file.absolute() if robot.view_file else "spawn" if robot.view_scene else None,
             record=robot.record.with_suffix(".robot.mcap") if robot.record else None,
