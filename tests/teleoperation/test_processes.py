@@ -149,7 +149,7 @@ def test_ctrl_c_ends_a_session_in_order_and_its_figures_are_printed(demo_session
         ("--cmd-vel-twist --ros --command joints", "--cmd-vel-twist: needs --cmd-vel"),
         ("--controller /arm/commands --ros", "--controller: needs --command joints"),
         ("--base-frame base", "--base-frame: needs --command"),
-        ("--view --ros --command pose", "--view: shows the simulated robot; --view-scene"),
+        ("--view --ros --command pose", "--view: shows the simulated robot; RViz"),
         ("--robot arm.xml --ros --command twist", "--robot: --command twist knows no model"),
         ("--domain 5", "--domain 5: no source and no output is in ROS 2"),
     ],

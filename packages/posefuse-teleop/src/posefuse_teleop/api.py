@@ -28,7 +28,6 @@ def teleoperate(
     command: str | None = None,
     ros: RosPlan | None = None,
     view: bool = False,
-    show: str | Path | None = None,
     scene: str | None = None,
     record: str | Path | None = None,
     watch: Callable[[Operator, Order | None], None] | None = None,
@@ -43,8 +42,7 @@ def teleoperate(
         robot: ``sim``, our own in MuJoCo, or an MJCF file. frames: its sites, one per hand; default ``right_hand`` ...
         command: None drives the robot in MuJoCo; ``pose``, ``twist`` or ``joints`` drives one over `ros`. A dead-man's switch
             ``ros:/TOPIC`` is there, too; without `ros` where the session has ROS.
-        view: open MuJoCo's viewer. show: operator, robot, workspace and keep-out in Rerun: ``spawn`` opens its viewer, anything
-            else is the .rrd file to write (extra ``viewer``).
+        view: open MuJoCo's viewer.
         scene: MJCF text instead of a file. record: .mcap of commands and states of the robot.
         watch: is shown the operator's side and the order after every step.
 
@@ -56,6 +54,7 @@ def teleoperate(
         >>> session = pf.live("rig.toml", {"cam1": "usb:0", "cam2": "usb:1"})  # doctest: +SKIP
         >>> pf.teleoperate(session, deadman="web", robot="sim").engagements  # doctest: +SKIP
     """
+    from posefuse.foundation.output_file import check_output_file
     from posefuse.realtime.session import stop_requests
     from posefuse_teleop.process import RobotLink, RobotPlan
     from posefuse_teleop.session import run_control_loop
@@ -65,7 +64,8 @@ def teleoperate(
     settings = settings or TeleoperationSettings()
     sites = tuple(frames) if frames else tuple(f"{side}_hand" for side in settings.hands)
     _check(settings, command, sites)
-    _check_files(record=record, show=None if show == "spawn" else show)
+    if record is not None:
+        check_output_file(Path(record), option="record")
     plan = RobotPlan(
         settings=settings,
         model=None if str(robot) == "sim" else Path(robot),
@@ -80,13 +80,6 @@ def teleoperate(
         switch = open_deadman(deadman, ros=lambda: ros or RosPlan.listening(session.ros))
         stack.callback(switch.close)
         session.ros_used_elsewhere = ros is not None or str(deadman).startswith("ros:")
-        watches = [] if watch is None else [watch]
-        if show is not None:
-            from posefuse_teleop.scene_view import SceneView
-
-            scene_view = SceneView(settings, str(show))
-            stack.callback(scene_view.close)
-            watches.append(scene_view)
         link = RobotLink(plan)
         stack.callback(link.close)
         link.wait_ready()
@@ -94,19 +87,11 @@ def teleoperate(
         with shown(progress) as report:
             report("teleoperation", 0, None, switch.hint)
         with stop_requests() as stopped:
-            summary = run_control_loop(session, switch, link, settings, watches=watches, stopped=stopped)
+            summary = run_control_loop(session, switch, link, settings, watch=watch, stopped=stopped)
             stack.close()
     outputs = [f"{name}: {output.fault}" for name, output in session.outputs.items() if output.failures]
     summary.fault = "; ".join(filter(None, [summary.fault or link.trouble, *outputs]))
     return summary
-
-
-def _check_files(**places: str | Path | None) -> None:
-    from posefuse.foundation.output_file import check_output_file
-
-    for option, place in places.items():
-        if place is not None:
-            check_output_file(Path(place), option=option)
 
 
 def _check(settings: TeleoperationSettings, command: str | None, sites: Sequence[str]) -> None:

@@ -68,8 +68,6 @@ class RobotOptions(NamedSettings):
         speed: Speed limit of the end effector, m/s (default 0.5).
         limits: All settings of teleoperation, see docs/teleoperation.md; an option that is given overrides the file.
         view: Open MuJoCo's viewer.
-        view_scene: Show operator, robot, workspace and keep-out in the Rerun viewer (extra: viewer).
-        view_file: Write what that viewer would show to a file.
         record: Record views and poses; the robot's commands and states go to FILE.robot.mcap.
     """
 
@@ -83,8 +81,6 @@ class RobotOptions(NamedSettings):
     speed: Annotated[float | None, Parameter(metavar="M/S"), positive(2)] = None
     limits: Annotated[Path | None, Parameter(metavar="FILE.toml")] = None
     view: bool = False
-    view_scene: bool = False
-    view_file: Annotated[Path | None, Parameter(metavar="FILE.rrd")] = None
     record: Annotated[Path | None, Parameter(metavar="FILE.mcap", group=OUTPUTS)] = None
 
     @property
@@ -189,7 +185,6 @@ def teleoperate(
             command=ros.command,
             ros=plan if wanted else None,
             view=robot.view,
-            show=robot.view_file.absolute() if robot.view_file else "spawn" if robot.view_scene else None,
             record=robot.record.with_suffix(".robot.mcap") if robot.record else None,
             watch=_News(terminal),
             progress=report,
@@ -209,7 +204,7 @@ def _check_used(robot: RobotOptions, ros: RosRobotOptions) -> None:
             ("--cmd-vel-twist", ros.cmd_vel_twist, ros.cmd_vel, "needs --cmd-vel TOPIC"),
             ("--base-frame", ros.base_frame != RosPlan.base_frame, ros.command, "needs --command"),
             ("--robot", robot.robot != "sim", joints or not ros.command, f"--command {ros.command} knows no model of the robot"),
-            ("--view", robot.view, not ros.command, "shows the simulated robot; --view-scene shows the one of --command"),
+            ("--view", robot.view, not ros.command, "shows the simulated robot; RViz shows the one of --command"),
         ]
     )
     if ros.ros and ros.ros1:
