@@ -1,6 +1,6 @@
 """Drives a robot over ROS 1 until it is stopped, and prints its first state.
 
-ros1_driver.py FOLDER_OF_ROSPY pose|twist|joints MODEL.xml
+ros1_driver.py FOLDER_OF_ROSPY pose|joints MODEL.xml
 """
 
 import json

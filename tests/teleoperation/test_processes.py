@@ -145,12 +145,12 @@ def test_ctrl_c_ends_a_session_in_order_and_its_figures_are_printed(demo_session
     [
         ("--command pose", "--command: needs --ros or --ros1"),
         ("--cmd-vel /cmd_vel", "--cmd-vel: needs --command joints"),
-        ("--cmd-vel /cmd_vel --ros --command twist", "--cmd-vel: needs --command joints"),
+        ("--cmd-vel /cmd_vel --ros --command pose", "--cmd-vel: needs --command joints"),
         ("--cmd-vel-twist --ros --command joints", "--cmd-vel-twist: needs --cmd-vel"),
         ("--controller /arm/commands --ros", "--controller: needs --command joints"),
         ("--base-frame base", "--base-frame: needs --command"),
         ("--view --ros --command pose", "--view: shows the simulated robot; RViz"),
-        ("--robot arm.xml --ros --command twist", "--robot: --command twist knows no model"),
+        ("--robot arm.xml --ros --command pose", "--robot: --command pose knows no model"),
         ("--domain 5", "--domain 5: no source and no output is in ROS 2"),
     ],
 )

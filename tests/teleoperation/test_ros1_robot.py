@@ -29,7 +29,6 @@ CONTROLLER = "/joint_trajectory_controller/joint_trajectory"
     ("command", "topics"),
     [
         pytest.param("pose", {f"{SPACE}/target": "geometry_msgs/PoseStamped"}, marks=pytest.mark.slow),
-        pytest.param("twist", {f"{SPACE}/twist": "geometry_msgs/TwistStamped"}, marks=pytest.mark.slow),
         ("joints", {CONTROLLER: "trajectory_msgs/JointTrajectory", "/cmd_vel": "geometry_msgs/Twist"}),
     ],
 )
@@ -54,7 +53,7 @@ def test_a_plain_ros1_robot_is_read_and_gets_its_commands(alone, ros1_python, tm
     else:
         # the base stands at (2, 0), turned by a quarter
         assert xyz == pytest.approx([2.0, 0.3, 0.5])
-        assert "base_link" in received[f"{SPACE}/{'target' if command == 'pose' else 'twist'}"][1]
+        assert "base_link" in received[f"{SPACE}/target"][1]
 
 
 @pytest.mark.slow

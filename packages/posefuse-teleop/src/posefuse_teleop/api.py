@@ -40,7 +40,7 @@ def teleoperate(
         deadman: ``key``, ``joystick:DEVICE``, ``ros:/TOPIC``, ``web``, ``web:PORT``, or a switch of your own.
         settings: hands, mapping, gate, limits, separation, robot.
         robot: ``sim``, our own in MuJoCo, or an MJCF file. frames: its sites, one per hand; default ``right_hand`` ...
-        command: None drives the robot in MuJoCo; ``pose``, ``twist`` or ``joints`` drives one over `ros`. A dead-man's switch
+        command: None drives the robot in MuJoCo; ``pose`` or ``joints`` drives one over `ros`. A dead-man's switch
             ``ros:/TOPIC`` is there, too; without `ros` where the session has ROS.
         view: open MuJoCo's viewer.
         scene: MJCF text instead of a file. record: .mcap of commands and states of the robot.
@@ -99,8 +99,8 @@ def _check(settings: TeleoperationSettings, command: str | None, sites: Sequence
         raise ConfigError(f"hands: expected left, right or both, each once, got {settings.hands}")
     if len(sites) != len(settings.hands):
         raise ConfigError(f"frames: expected one per hand ({', '.join(settings.hands)}), got {len(sites)}")
-    if command not in (None, "pose", "twist", "joints"):
-        raise ConfigError(f"command: expected pose, twist or joints, got {command!r}")
+    if command not in (None, "pose", "joints"):
+        raise ConfigError(f"command: expected pose or joints, got {command!r}")
     if any(low >= high for low, high in zip(settings.limits.box_low_m, settings.limits.box_high_m, strict=True)):
         raise ConfigError("limits.box_low_m: expected each coordinate below that of box_high_m")
     if settings.separation.stop_m >= settings.separation.slow_m:

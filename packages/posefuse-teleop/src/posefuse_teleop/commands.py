@@ -61,7 +61,7 @@ class RobotOptions(NamedSettings):
         hand: The hand that the robot follows; both move a robot with two arms (default right).
         deadman: key (space bar), joystick:/dev/input/js0, ros:/joy, web[:PORT] (a page with a button).
         robot: Our own mobile manipulator, or an MJCF model with position actuators.
-        frame: Site (with --command pose or twist: tf frame) of the end effector, one per hand (default right_hand, left_hand).
+        frame: Site (with --command pose: tf frame) of the end effector, one per hand (default right_hand, left_hand).
         robot_at: Where the robot's base frame stands in the world of the rig, m and degrees (default 0,0,0).
         elsewhere: The robot is not in the operator's room: no separation is kept. Wrong for a robot that any person can reach.
         box: Corners of the workspace of the end effector, world axes, m (default -10,-10,0.05,10,10,2).
@@ -108,16 +108,16 @@ class RosRobotOptions:
     Attributes:
         ros: Publish state, target, box and keep-out in ROS 2; with --command, drive a robot.
         ros1: The same in ROS 1, at the master of ROS_MASTER_URI; the mobile base takes Twist.
-        command: What the robot is sent: target poses, velocities, or joints by our own inverse kinematics (--robot FILE.xml).
+        command: What the robot is sent: target poses, or joints by our own inverse kinematics (--robot FILE.xml).
         base_frame: tf frame that commands are given in.
-        controller: Topic of joints: trajectory_msgs/JointTrajectory, or std_msgs/Float64MultiArray where it ends in /commands.
+        controller: Topic of joints (trajectory_msgs/JointTrajectory).
         cmd_vel: Topic of the mobile base.
         cmd_vel_twist: The mobile base takes Twist (ROS 2 Humble and older), not TwistStamped.
     """
 
     ros: bool = False
     ros1: bool = False
-    command: Literal["pose", "twist", "joints"] | None = None
+    command: Literal["pose", "joints"] | None = None
     base_frame: Annotated[str, Parameter(metavar="FRAME")] = RosPlan.base_frame
     controller: Annotated[str, Parameter(metavar="TOPIC")] = RosPlan.controller
     cmd_vel: Annotated[str, Parameter(metavar="TOPIC")] = ""

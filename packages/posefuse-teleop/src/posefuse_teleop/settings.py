@@ -172,7 +172,7 @@ class RosPlan:
     Attributes:
         version: 2, or 1 for the master that ROS_MASTER_URI names. network: of ROS 2; None: domain 0.
         base_frame: tf frame of commands.
-        controller: topic of `trajectory_msgs/JointTrajectory` or, ending in ``/commands``, of `std_msgs/Float64MultiArray`.
+        controller: topic of `trajectory_msgs/JointTrajectory`.
         cmd_vel: topic of the base's velocity; empty: none. stamped: it is a TwistStamped (ROS 2 Jazzy and later).
     """
 
