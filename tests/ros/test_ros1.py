@@ -13,7 +13,8 @@ from ros1_master import wait_for_master
 
 from posefuse.core import DependencyError
 from posefuse_ros import ros1
-from posefuse_ros.types import ros1_types
+from posefuse_ros.messages import header
+from posefuse_ros.types import message, ros1_types
 
 HERE = Path(__file__).parent
 ROOT = HERE.parents[1]
@@ -58,6 +59,21 @@ def test_without_rospy_it_names_the_missing_package(monkeypatch):
     refusal(DependencyError, "python3-rospy", ros1.Ros1Node, "x")
 
 
+def test_bytes_hold_what_was_given():
+    empty = np.zeros(0)
+    state = message(
+        "sensor_msgs/msg/JointState",
+        header=header(5_000_000_007, "base"),
+        name=["a", "b"],
+        position=np.array([1.0, 2.0]),
+        velocity=empty,
+        effort=empty,
+    )
+    found = ros1_types().deserialize_ros1(ros1.ros1_bytes(state), state.__msgtype__)
+    assert (found.header.stamp.sec, found.header.stamp.nanosec, found.header.frame_id) == (5, 7, "base")
+    assert found.name == ["a", "b"] and found.position.tolist() == [1.0, 2.0] and not len(found.effort)
+
+
 CHECKSUMS = {
     "hri_msgs/msg/IdsList": "84a63f55b5676f78b625e8a8bb809fe5",
     "tf2_msgs/msg/TFMessage": "94810edda583a504dfda3829e70d7eec",
@@ -74,9 +90,7 @@ def test_types_have_the_checksums_ros1_programs_expect(type_name):
 
 def test_the_documented_packages_hold_every_type_that_is_sent():
     """`rostopic echo` needs the Python package of a type; ours and hri_msgs are built by the user, as docs/ros.md says."""
-    paths = [
-        path for name in ("posefuse-ros/src/posefuse_ros", "posefuse-teleop") for path in (ROOT / "packages" / name).rglob("*.py")
-    ]
+    paths = (ROOT / "packages/posefuse-ros/src/posefuse_ros").rglob("*.py")
     text = "\n".join(path.read_text(encoding="utf-8") for path in paths)
     # rosgraph_msgs comes with rospy; Foxglove's types go to recordings of ROS 2 only
     types = {*re.findall(r'"(\w+_msgs)/msg/', text)} - {"posefuse_msgs", "hri_msgs", "foxglove_msgs", "rosgraph_msgs"}

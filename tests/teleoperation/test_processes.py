@@ -143,7 +143,7 @@ def test_ctrl_c_ends_a_session_in_order_and_its_figures_are_printed(demo_session
 @pytest.mark.parametrize(
     ("options", "words"),
     [
-        ("--command pose", "--command: needs --ros or --ros1"),
+        ("--command pose", "--command: needs --ros"),
         ("--cmd-vel /cmd_vel", "--cmd-vel: needs --command joints"),
         ("--cmd-vel /cmd_vel --ros --command pose", "--cmd-vel: needs --command joints"),
         ("--cmd-vel-twist --ros --command joints", "--cmd-vel-twist: needs --cmd-vel"),

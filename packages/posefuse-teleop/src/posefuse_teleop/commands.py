@@ -107,7 +107,6 @@ class RosRobotOptions:
 
     Attributes:
         ros: Publish state, target, box and keep-out in ROS 2; with --command, drive a robot.
-        ros1: The same in ROS 1, at the master of ROS_MASTER_URI; the mobile base takes Twist.
         command: What the robot is sent: target poses, or joints by our own inverse kinematics (--robot FILE.xml).
         base_frame: tf frame that commands are given in.
         controller: Topic of joints (trajectory_msgs/JointTrajectory).
@@ -116,7 +115,6 @@ class RosRobotOptions:
     """
 
     ros: bool = False
-    ros1: bool = False
     command: Literal["pose", "joints"] | None = None
     base_frame: Annotated[str, Parameter(metavar="FRAME")] = RosPlan.base_frame
     controller: Annotated[str, Parameter(metavar="TOPIC")] = RosPlan.controller
@@ -152,17 +150,15 @@ def teleoperate(
     """
     from posefuse.pipeline.config import read_changed
 
-    wanted = ros.ros or ros.ros1
     _check_used(robot, ros)
     if not source:
         raise ConfigError("--source: expected one per camera, e.g. --source cam1=usb:0, or --source sim:SCENE.yaml")
     plan = RosPlan(
-        version=1 if ros.ros1 else 2,
-        network=package_of_extra("posefuse_ros.dds_domain", "ros").Network(**ros_2.network) if wanted else None,
+        network=package_of_extra("posefuse_ros.dds_domain", "ros").Network(**ros_2.network) if ros.ros else None,
         base_frame=ros.base_frame,
         controller=ros.controller,
         cmd_vel=ros.cmd_vel,
-        stamped=not (ros.cmd_vel_twist or ros.ros1),
+        stamped=not ros.cmd_vel_twist,
     )
     with terminal.stages() as report:
         session = pf.live(
@@ -183,7 +179,7 @@ def teleoperate(
             robot=robot.robot,
             frames=robot.frame,
             command=ros.command,
-            ros=plan if wanted else None,
+            ros=plan if ros.ros else None,
             view=robot.view,
             record=robot.record.with_suffix(".robot.mcap") if robot.record else None,
             watch=_News(terminal),
@@ -195,10 +191,10 @@ def teleoperate(
 
 def _check_used(robot: RobotOptions, ros: RosRobotOptions) -> None:
     """Raise ConfigError for an option that nothing takes."""
-    wanted, joints = ros.ros or ros.ros1, ros.command == "joints"
+    joints = ros.command == "joints"
     check_used(
         [
-            ("--command", ros.command, wanted, "needs --ros or --ros1"),
+            ("--command", ros.command, ros.ros, "needs --ros"),
             ("--controller", ros.controller != RosPlan.controller, joints, "needs --command joints"),
             ("--cmd-vel", ros.cmd_vel, joints, "needs --command joints"),
             ("--cmd-vel-twist", ros.cmd_vel_twist, ros.cmd_vel, "needs --cmd-vel TOPIC"),
@@ -207,8 +203,6 @@ def _check_used(robot: RobotOptions, ros: RosRobotOptions) -> None:
             ("--view", robot.view, not ros.command, "shows the simulated robot; RViz shows the one of --command"),
         ]
     )
-    if ros.ros and ros.ros1:
-        raise ConfigError("--ros --ros1: expected one of them")
 
 
 class _News:

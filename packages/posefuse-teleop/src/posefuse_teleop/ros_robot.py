@@ -1,4 +1,4 @@
-"""A real robot over ROS 2 or ROS 1: the same limited motion as messages of usual controllers.
+"""A real robot over ROS 2: the same limited motion as messages of usual controllers.
 
 | command | message | for |
 |---|---|---|
@@ -110,7 +110,6 @@ def open_ros_robot(
 
     Raises:
         SourceError: no state comes, or another program drives it. ConfigError: a model that does not fit.
-        DependencyError: ROS 1 without rospy.
     """
     place = placed(settings.robot.position_xy_m, settings.robot.heading_deg)
     # refused before anything of it is on the network

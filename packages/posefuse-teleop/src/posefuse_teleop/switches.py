@@ -168,8 +168,7 @@ class RosJoySwitch(_Counting):
 
     Each message with the button down is a heartbeat; joy_node repeats at 20 Hz by default.
 
-    ROS 2: messages count by their source time on this machine's clock, so the clocks of two machines must agree. ROS 1 has no
-    source time: they count by their arrival, and a message that waited in the network counts as new.
+    Messages count by their source time on this machine's clock, so the clocks of two machines must agree.
     """
 
     def __init__(self, topic: str, ros: RosPlan) -> None:
