@@ -141,7 +141,7 @@ SUFFIX = ".mcap"
 _LEAST_FREE_BYTES = 4 * 2**20
 _TAKES = (LiveDetections, LivePose, LiveJointCentres, LiveNames, LiveHealth)
 # topics of a body that follow from others
-_NOT_RECORDED = frozenset(topics.BODY_PARTS) - {"joint_states", "joint_angles", "urdf"}
+_NOT_RECORDED = frozenset(topics.BODY_PARTS) - {"joint_states", "joint_angles"}
 
 
 def keep_clock(recorder: topics.Outlet, clock: SimulatedClock, t_ns: int) -> None:

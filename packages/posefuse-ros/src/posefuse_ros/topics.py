@@ -109,7 +109,6 @@ BODY_PARTS = {
     "joint_angles": messages.JOINT_ANGLES_TYPE,
     "position": "geometry_msgs/msg/PointStamped",
     "velocity": "geometry_msgs/msg/TwistStamped",
-    "urdf": "std_msgs/msg/String",
     **OF_PARTS,
 }
 
@@ -117,5 +116,4 @@ BODY_PARTS = {
 @lru_cache(maxsize=1024)
 def body(body_id: str, part: str) -> Topic:
     """A topic of one body; `part` is one of `BODY_PARTS`."""
-    name, latched = f"/humans/bodies/{body_id}/{part}", part == "urdf"
-    return Topic(name, BODY_PARTS[part], depth=1 if latched else 4, latched=latched)
+    return Topic(f"/humans/bodies/{body_id}/{part}", BODY_PARTS[part], depth=4)
