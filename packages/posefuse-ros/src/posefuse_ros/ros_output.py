@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from posefuse.core import SE3, Camera, JointAngles, Pose3D, Rig
+from posefuse.core import SE3, JointAngles, Pose3D, Rig
 from posefuse.core.arrays import Array
 from posefuse.foundation.parsing import ros_name
 
@@ -37,15 +37,12 @@ from .messages import (
     Stages,
     header,
     joint_state,
-    keypoints_seen,
     message_from_pose,
     messages_from_joints,
     optical_frame,
     point_stamped,
     pose_stamped,
     pose_with_covariance,
-    region_of_interest,
-    skeleton2d,
     transform,
     transforms_of_children,
     twist_stamped,
@@ -58,7 +55,7 @@ CAMERA_MARKERS = Topic("/posefuse/cameras", "visualization_msgs/msg/MarkerArray"
 _BODY = LINKS.index("body")
 _FORGOTTEN_AFTER_NS = 3_000_000_000
 # topics of a body that are made of its links
-_OF_LINKS = [part for part in topics.BODY_PARTS if part not in ("skeleton2d", "roi", "joint_angles")]
+_OF_LINKS = [part for part in topics.BODY_PARTS if part != "joint_angles"]
 # so often at most what viewers draw is made: eyes need less than robots
 SHOWN_NS = 1_000_000_000 // 30
 
@@ -91,7 +88,7 @@ class RosOutput:
 
     Attributes:
         outlet: where to.
-        rig: cameras to show; None when unknown. `skeleton2d` and `roi` give the view of the first.
+        rig: cameras to show; None when unknown.
         epoch_offset_ns: Unix epoch minus session clock, added to every stamp.
     """
 
@@ -127,9 +124,6 @@ class RosOutput:
         if joints is not None and self._wanted(ids, "joint_angles"):
             for msg in messages_from_joints(joints, t_ns):
                 self.outlet.publish(topics.body(body_id(msg.person_id), "joint_angles"), msg, t_ns)
-        for n, one in enumerate(ids):
-            if self.rig is not None and self._wanted([one], "skeleton2d", "roi"):
-                self._show_view(one, shifted, n, self.rig.cameras[0])
         if self.outlet.wanted(topics.MARKERS) and self._markers.due(t_ns):
             self.outlet.publish(topics.MARKERS, person_markers(shifted), t_ns)
 
@@ -236,14 +230,6 @@ class RosOutput:
                 self.outlet.publish(in_cov, pose_with_covariance(t_ns, WORLD, here, cov[n, p]), t_ns)
             if moving[n, p] and self.outlet.wanted(in_twist):
                 self.outlet.publish(in_twist, twist_stamped(t_ns, WORLD, rates[n, p]), t_ns)
-
-    def _show_view(self, one: str, pose: Pose3D, n: int, camera: Camera) -> None:
-        xy, inside = keypoints_seen(pose, n, camera)
-        skeleton, box = topics.body(one, "skeleton2d"), topics.body(one, "roi")
-        if self.outlet.wanted(skeleton):
-            self.outlet.publish(skeleton, skeleton2d(xy, inside, camera, pose.t_ns), pose.t_ns)
-        if self.outlet.wanted(box):
-            self.outlet.publish(box, region_of_interest(xy[inside], camera, pose.t_ns), pose.t_ns)
 
 
 @lru_cache(maxsize=256)

@@ -104,8 +104,6 @@ OF_PARTS = {f"{part}/{name}": type_name for part in PARTS for name, type_name in
 # what each body has a topic of
 BODY_PARTS = {
     "joint_states": "sensor_msgs/msg/JointState",
-    "skeleton2d": "hri_msgs/msg/Skeleton2D",
-    "roi": "hri_msgs/msg/NormalizedRegionOfInterest2D",
     "joint_angles": messages.JOINT_ANGLES_TYPE,
     "position": "geometry_msgs/msg/PointStamped",
     "velocity": "geometry_msgs/msg/TwistStamped",
