@@ -92,8 +92,8 @@ def test_the_documented_packages_hold_every_type_that_is_sent():
     """`rostopic echo` needs the Python package of a type; ours and hri_msgs are built by the user, as docs/ros.md says."""
     paths = (ROOT / "packages/posefuse-ros/src/posefuse_ros").rglob("*.py")
     text = "\n".join(path.read_text(encoding="utf-8") for path in paths)
-    # rosgraph_msgs comes with rospy; Foxglove's types go to recordings of ROS 2 only
-    types = {*re.findall(r'"(\w+_msgs)/msg/', text)} - {"posefuse_msgs", "hri_msgs", "foxglove_msgs", "rosgraph_msgs"}
+    # rosgraph_msgs comes with rospy
+    types = {*re.findall(r'"(\w+_msgs)/msg/', text)} - {"posefuse_msgs", "hri_msgs", "rosgraph_msgs"}
     wanted = {f"python3-{one.replace('_', '-')}" for one in types}
     listed = set(re.findall(r"python3-[a-z0-9-]+", (ROOT / "docs/ros.md").read_text(encoding="utf-8").split("## ROS 1")[1]))
     assert len(wanted) > 5 and wanted <= listed

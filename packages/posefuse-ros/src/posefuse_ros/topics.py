@@ -10,7 +10,6 @@ from posefuse.foundation.parsing import ros_name
 
 from . import camera_messages, messages
 from .bodies import PARTS
-from .markers import ANNOTATIONS_TYPE
 from .messages import NAMES_TYPE
 
 
@@ -86,11 +85,6 @@ def preview(camera: str) -> Topic:
 def preview_info(camera: str) -> Topic:
     """Intrinsics of the small images, where `image_transport` looks for them: next to the image, one per image."""
     return Topic(f"/posefuse/{ros_name(camera)}/preview/camera_info", camera_messages.CAMERA_INFO_TYPE, depth=1, reliable=False)
-
-
-def preview_annotations(camera: str) -> Topic:
-    """2D keypoints over the small images."""
-    return Topic(f"/posefuse/{ros_name(camera)}/preview/annotations", ANNOTATIONS_TYPE, depth=1, reliable=False)
 
 
 # of head, wrists and hands
