@@ -11,7 +11,7 @@ from posefuse.core.errors import choices
 from posefuse.core.ideal_image import has_lens
 from posefuse.foundation.parsing import ros_name
 
-from .camera_info import RigLens, rig_after_camera_infos
+from .camera_info import RigLens, compare_camera_infos
 from .camera_messages import COMPRESSED_TYPE, IMAGE_TYPE, frame_from_message
 from .dds import RosNode
 from .dds_domain import NetworkSettings
@@ -46,7 +46,7 @@ class RosConfig(NetworkSettings):
     sim_time: bool = False
     lens: Camera | None = None
 
-    checked_rig = staticmethod(rig_after_camera_infos)
+    compare_rig = staticmethod(compare_camera_infos)
 
     def build(self) -> RosSource:
         """Subscribe and wait for the first image; raises SourceError that lists what is there when none arrives."""
