@@ -31,7 +31,8 @@ MAX_KEYPOINTS = 512
 # 1000 frames a second for a year
 MAX_FRAMES = 2**35
 _NS = 1_000_000_000
-_MIN_NS, _MAX_NS = -(2**31) * _NS, 2**31 * _NS - 1
+# what a ROS stamp holds, 1901 to 2038
+STAMPS_NS = range(-(2**31) * _NS, 2**31 * _NS)
 _UPPER = np.triu_indices(3)
 NAMES_TYPE = "std_msgs/msg/String"
 # field of a message -> the array of the value, and its axes
@@ -56,8 +57,8 @@ _OPTIONAL = frozenset({"clothing_lab", "depth_m"})
 
 def time_from_ns(t_ns: int) -> Any:
     """A `builtin_interfaces/Time`; raises MessageError outside the years it can hold (1901 to 2038)."""
-    if not _MIN_NS <= t_ns <= _MAX_NS:
-        raise MessageError(f"time: a ROS stamp holds {_MIN_NS} to {_MAX_NS} ns, got {t_ns}")
+    if t_ns not in STAMPS_NS:
+        raise MessageError(f"time: a ROS stamp holds {STAMPS_NS[0]} to {STAMPS_NS[-1]} ns, got {t_ns}")
     return message("builtin_interfaces/msg/Time", sec=t_ns // _NS, nanosec=t_ns % _NS)
 
 
