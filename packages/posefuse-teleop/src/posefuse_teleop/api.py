@@ -28,7 +28,6 @@ def teleoperate(
     command: str | None = None,
     ros: RosPlan | None = None,
     view: bool = False,
-    scene: str | None = None,
     record: str | Path | None = None,
     watch: Callable[[Operator, Order | None], None] | None = None,
     progress: Progress | bool | None = None,
@@ -43,7 +42,7 @@ def teleoperate(
         command: None drives the robot in MuJoCo; ``pose`` or ``joints`` drives one over `ros`. A dead-man's switch
             ``ros:/TOPIC`` is there, too; without `ros` where the session has ROS.
         view: open MuJoCo's viewer.
-        scene: MJCF text instead of a file. record: .mcap of commands and states of the robot.
+        record: .mcap of commands and states of the robot.
         watch: is shown the operator's side and the order after every step.
 
     Raises:
@@ -74,7 +73,6 @@ def teleoperate(
         ros=ros,
         record=Path(record).absolute() if record is not None else None,
         view=view,
-        scene=scene,
     )
     with ExitStack() as stack:
         switch = open_deadman(deadman, ros=lambda: ros or RosPlan.listening(session.ros))
