@@ -326,7 +326,7 @@ SMALL = replace(HIP, lengths={"thigh": 0.4}, by_length={"hip": {"up": {"thigh": 
         ({"offsets": {"hip": {"sideways": 0.0}}}, "no direction 'sideways'"),
         ({"lengths": {"tail": 0.4}}, "no segment 'tail'"),
         ({"by_length": {"hip": {"up": {"shank": 0.1}}}}, "no segment 'shank'"),
-        ({"offsets": {"hip": {"up": np.nan}}}, "expected finite numbers"),
+        ({"offsets": {"hip": {"up": np.nan}}}, "input should be a finite number"),
         ({"offsets": {"hip": {"up": 7.0}}}, "offsets: expected numbers from -0.5 to 0.5"),
         ({"lengths": {"thigh": -0.4}}, "lengths: expected numbers from 0.001 to 3"),
         ({"by_length": {"hip": {"up": {"thigh": -2.0}}}}, "by_length: expected numbers from -1 to 1"),
