@@ -9,7 +9,7 @@ from built import poses as built_poses
 from checks import refusal
 from mcap.reader import make_reader
 
-from posefuse.core import SKELETONS, InputError, MessageError, PoseSequence, SourceError
+from posefuse.core import SKELETONS, InputError, LivePreview, MessageError, PoseSequence, SourceError
 from posefuse.core.skeleton import BLAZEPOSE33
 from posefuse.detection import read_card
 from posefuse.evaluation.contracts import check_output
@@ -18,6 +18,8 @@ from posefuse.foundation.parsing import plain
 from posefuse.pipeline.config import TrackConfig
 from posefuse.pipeline.solve import solve, solve_again
 from posefuse_ros import bags, live_recording, topics
+from posefuse_ros.camera_messages import info_from_camera
+from posefuse_ros.live_output import publish
 from posefuse_ros.mcap_output import McapSink, recorded_ns
 from posefuse_ros.messages import diagnostic_status, message_from_detections, message_from_pose
 from posefuse_ros.ros_output import RosOutput
@@ -170,6 +172,22 @@ def test_a_type_of_our_name_but_other_fields_is_refused_and_types_no_person_here
     assert list(bags.read_mcap(of_others(tmp_path / "b.mcap", "/thing", "strange_msgs/msg/Thing", b"float64 x\n"))) == []
 
 
+def test_a_rig_without_poses_is_reported(tmp_path, ring_rig):
+    with bags.Recorder(tmp_path / "a.mcap") as recorder:
+        recorder.publish(topics.camera_info("cam00"), info_from_camera(ring_rig(2)["cam00"], 1), 1)
+    refusal(SourceError, "no pose in /tf_static for cam00_optical_frame", bags.read_rig, tmp_path / "a.mcap")
+
+
+def test_a_rig_is_that_of_the_images_and_not_of_their_small_previews(tmp_path, ring_rig):
+    path, rig = tmp_path / "p.mcap", ring_rig(2)
+    with bags.Recorder(path) as recorder:
+        output = RosOutput(recorder, rig)
+        output.start(1_000)
+        publish(output, LivePreview(camera="cam00", t_ns=2_000, jpeg=b"jpeg", size_wh=(64, 48)))
+        recorder.publish(topics.node_camera_info("cam01"), info_from_camera(rig["cam01"].scaled((32, 24)), 3_000), 3_000)
+    assert [camera.size_wh for camera in bags.read_rig(path)] == [camera.size_wh for camera in rig]
+
+
 def test_the_sink_writes_what_a_live_session_publishes(tmp_path, ring_rig, some_pose):
     t, n, c, k = 4, 2, 3, 17
     rng = np.random.default_rng(0)
@@ -189,7 +207,7 @@ def test_the_sink_writes_what_a_live_session_publishes(tmp_path, ring_rig, some_
     np.testing.assert_allclose(views[0].box_img[0, :2], xy[0, 0, 0].min(axis=0), rtol=1e-6)
     back = [p for p, _ in bags.read_poses(path)]
     np.testing.assert_array_equal(back[2].xyz_world, poses.xyz_world[2])
-    assert live_recording.read(path).rig.id == recording.rig.id
+    assert bags.read_rig(path).id == recording.rig.id
     # cameras with clock offsets: the first of them began before the session's zero
     poses = replace(poses, t_ns=poses.t_ns - 1_400_000_000)
     early = recording_from_views(ring_rig(c), poses, xy, score, np.where(score > 0, 2.0, np.nan))

@@ -15,12 +15,13 @@ from typing import IO, Any, NamedTuple
 
 import numpy as np
 
-from posefuse.core import Closing, Detections2D, InputError, MessageError, Pose3D, SourceError
+from posefuse.core import SE3, Closing, Detections2D, InputError, MessageError, Pose3D, Rig, SourceError
 from posefuse.core.arrays import Array
-from posefuse.core.errors import warn_caller
+from posefuse.core.errors import choices, warn_caller
 
 from . import topics
-from .messages import detections_from_message, ns_from_time, pose_from_message
+from .camera_messages import CAMERA_INFO_TYPE, camera_from_info
+from .messages import detections_from_message, ns_from_time, optical_frame, pose_from_message
 from .topics import Topic
 from .types import decode, definition, encode, optional_module, ros2_types
 
@@ -292,6 +293,36 @@ def read_clock(path: Path, warn: Warn | None = None) -> tuple[Array, Array]:
     pairs = [(recorded.logged_ns, ns_from_time(recorded.msg.clock)) for recorded in read_mcap(path, {topics.CLOCK.name}, warn)]
     t_ns, sim_ns = np.array(pairs, np.int64).reshape(-1, 2).T
     return t_ns, sim_ns
+
+
+def read_rig(path: Path, warn: Warn | None = None) -> Rig:
+    """The cameras of a recording, from its `camera_info` topics and static transforms; names as ROS writes them.
+
+    Raises:
+        SourceError: it holds no camera, or one without a pose.
+    """
+    infos: dict[str, Any] = {}
+    poses: dict[str, SE3] = {}
+    suffix = optical_frame("")
+    for topic, msg, _ in read_mcap(path, None, warn):
+        if msg.__msgtype__ == CAMERA_INFO_TYPE:
+            frame = msg.header.frame_id
+            # those of previews are of a smaller image
+            if topic == topics.camera_info(frame.removesuffix(suffix)).name:
+                infos[frame] = msg
+        elif msg.__msgtype__ == topics.TF_STATIC.type_name:
+            poses |= {tf.child_frame_id: _pose(tf.transform) for tf in msg.transforms}
+    lost = sorted(infos.keys() - poses.keys())
+    if not infos or lost:
+        missing = f"no pose in /tf_static for {choices(lost)}" if lost else "no camera_info"
+        raise SourceError(f"{path}: the rig cannot be read: {missing}; give the rig file instead")
+    cameras = (camera_from_info(frame.removesuffix(suffix), msg, poses[frame].inverse()) for frame, msg in infos.items())
+    return Rig(tuple(cameras), world_set_by="recording")
+
+
+def _pose(transform: Any) -> SE3:
+    q, p = transform.rotation, transform.translation
+    return SE3(np.array([q.w, q.x, q.y, q.z]), np.array([p.x, p.y, p.z]))
 
 
 def _known(schema: Any, channel: Any) -> bool:

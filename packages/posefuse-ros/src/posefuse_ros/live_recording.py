@@ -41,7 +41,7 @@ from posefuse.fusion import FuseSettings
 from posefuse.pipeline.config import TrackConfig
 
 from . import topics
-from .bags import Warn, read_clock, read_mcap, read_notes
+from .bags import Warn, read_clock, read_mcap, read_notes, read_rig
 from .camera_messages import joint_centres_from_message
 from .messages import detections_from_message, names_from_message, pose_from_message
 
@@ -181,6 +181,8 @@ def read(path: Path, warn: Warn | None = None, *, start_s: float | None = None, 
     observations = observations.with_person_ids(people_of_detections(observations, rig, poses))
     if made:
         return Recording(rig=rig, poses=poses, observations=observations, provenance=made)
+    if not notes:
+        say(f"{path}: it does not hold how it was made: solved again, it has the usual settings and no joint centres")
     table = next((content.tables[name] for name in rig.names if content.tables.get(name) is not None), None)
     about = _provenance(parts, notes, rig, table, say) | {"start_ns": start_ns}
     if about["config"] is not None:
@@ -240,9 +242,9 @@ def _read_part(part: Path, content: _Content, say: Warn, in_section: Callable[[f
 
 
 def _rig_of(path: Path, notes: Mapping[str, str]) -> Rig:
-    """To the last bit, which the messages of cameras have not."""
+    """To the last bit where the recording has it so; otherwise as ROS messages keep it."""
     if "rig" not in notes:
-        raise InputError(f"{path}: its notes hold no rig; expected a recording of `posefuse live --record`")
+        return read_rig(path, lambda line: None)
     try:
         return rig_from_values(json.loads(notes["rig"]))
     except (PosefuseError, ValueError, TypeError, KeyError) as error:
