@@ -111,6 +111,14 @@ def test_who_floods_with_what_is_refused_is_not_read_for_a_second() -> None:
         senders.admits(no_person("x" if i else "a"), "node", T0 + i)
 
 
+def test_messages_of_a_flood_are_not_decoded() -> None:
+    views = ViewIntake(("a",))
+    for i in range(1000):
+        views.view(Sample(b"no message", 0, "stranger"), T0 + i)
+    assert views.intake.counts.refused == 200
+    assert sum(views.senders.refused.values()) == 800
+
+
 def test_memory_stays_bounded() -> None:
     senders = begun("a")
     for i in range(3000):
