@@ -46,7 +46,7 @@ COMMANDS = {
     "calibrate person": "calibrate person cam00={in}/study/P01/slow/pose2d/cam00 cam01={in}/study/P01/slow/pose2d/cam01 "
     "--intrinsics {in}/study/P01/rig.toml --rate 50 --height-m 1.8 --out {out}",
     "record": "record --source cam00=video:{demo}/videos/cam00.mp4 --out {out} --duration 4",
-    "teleoperate": f"teleoperate {SIM} --deadman gesture --record {{out}}.mcap --duration 4",
+    "teleoperate": f"teleoperate {SIM} --deadman web --record {{out}}.mcap --duration 4",
     "node camera": f"node camera {SIM} {NODE} --duration 4",
     "node fusion": f"node fusion {DEMO}/rig.toml {NODE} --duration 4",
 }

@@ -23,7 +23,6 @@ state, _ = hear("/humans/bodies/p1/joint_states")
 info, _ = hear("/posefuse/cam01/camera_info")
 diagnostics, checksum = hear("/diagnostics")
 markers, _ = hear("/posefuse/markers")
-skeleton, _ = hear("/humans/bodies/p1/skeleton2d")
 pose, _ = hear("/posefuse/pose")
 found = {}
 for frame in ("l_wrist_p1", "cam01_optical_frame"):
@@ -40,7 +39,6 @@ print(
             "distortion_model": info.distortion_model,
             "diagnostics": [diagnostics.status[0].level, diagnostics.status[0].values[0].value, checksum],
             "markers": markers.markers[2].text,
-            "points": len(skeleton.skeleton),
             "pose": pose.skeleton,
             "topics": dict(rospy.get_published_topics()),
         }

@@ -88,15 +88,6 @@ def test_who_sent_first_keeps_the_camera_while_it_pauses() -> None:
     assert senders.sender("a") == "node again"
 
 
-def test_a_setting_hands_a_camera_over() -> None:
-    senders = Senders(("a",), hand_over_s=2.0)
-    senders.skeleton = no_person("a").skeleton
-    assert senders.admits(no_person("a"), "node", T0)
-    assert not senders.admits(no_person("a"), "second", T0 + S)
-    assert not senders.admits(no_person("a"), "second", T0 + 2 * S)
-    assert senders.admits(no_person("a", T0 + 2 * S), "second", T0 + 2 * S + 1)
-
-
 def test_a_sender_with_a_believable_clock_replaces_one_without() -> None:
     senders = begun("a", "b")
     assert senders.admits(no_person("a", t_ns=5), "stranger", T0)
@@ -118,6 +109,14 @@ def test_who_floods_with_what_is_refused_is_not_read_for_a_second() -> None:
     for i in range(1000):
         assert senders.read("node", T0 + i)
         senders.admits(no_person("x" if i else "a"), "node", T0 + i)
+
+
+def test_messages_of_a_flood_are_not_decoded() -> None:
+    views = ViewIntake(("a",))
+    for i in range(1000):
+        views.view(Sample(b"no message", 0, "stranger"), T0 + i)
+    assert views.intake.counts.refused == 200
+    assert sum(views.senders.refused.values()) == 800
 
 
 def test_memory_stays_bounded() -> None:

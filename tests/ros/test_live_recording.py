@@ -43,7 +43,6 @@ from posefuse.realtime.config import LiveConfig
 from posefuse.realtime.outputs import notes_of
 from posefuse_ros import bags, live_recording, topics
 from posefuse_ros.bags import Recorder, read_detections, read_mcap, read_poses
-from posefuse_ros.markers import annotations_of_view
 from posefuse_ros.mcap_output import McapSink, RecordConfig
 
 pytest.importorskip("rosbags", reason="the extra `ros` is not installed")
@@ -389,15 +388,3 @@ def test_a_session_that_did_not_start_leaves_no_file(tmp_path: Path) -> None:
     assert (tmp_path / "a.mcap").exists()
     output.close()
     assert list(tmp_path.iterdir()) == []
-
-
-def test_keypoints_are_drawn_where_they_are_in_the_small_image() -> None:
-    view = next(m.detections for m in messages() if isinstance(m, LiveDetections) and len(m.detections) > 0)
-    msg = annotations_of_view(view, (320, 240), (640, 480))
-    assert len(msg.points) == 2 * len(view)
-    bones, points = msg.points[:2]
-    seen = view.score[0] > 0
-    expected = (view.xy_img[0][seen] + 0.5) / 2
-    np.testing.assert_allclose([[p.x, p.y] for p in points.points], expected, rtol=1e-5)
-    assert len(points.outline_colors) == len(points.points) and points.type == 1
-    assert len(bones.points) == 2 * len(bones.outline_colors) and bones.type == 4

@@ -1,5 +1,6 @@
 """Our messages, those of cameras and of joint centres: what is sent comes back, what makes no sense is refused."""
 
+import json
 from dataclasses import replace
 
 import numpy as np
@@ -321,26 +322,41 @@ SMALL = replace(HIP, lengths={"thigh": 0.4}, by_length={"hip": {"up": {"thigh": 
 @pytest.mark.parametrize(
     ("change", "words"),
     [
-        ({"joint": ["tail"]}, "no joint 'tail'"),
-        ({"direction": ["sideways"]}, "no direction 'sideways'"),
-        ({"segment": ["tail"]}, "no segment 'tail'"),
-        ({"slope_segment": ["shank"]}, "no segment 'shank'"),
-        ({"slope_joint": ["tail"]}, "no joint 'tail'"),
-        ({"offset_m": np.array([np.nan])}, "offset_m: nan cannot be"),
-        ({"offset_m": np.array([7.0])}, "offset_m: 7 cannot be"),
-        ({"length_m": np.array([-0.4])}, "length_m: -0.4 cannot be"),
-        ({"slope": np.array([np.inf])}, "slope: inf cannot be"),
-        ({"slope": np.array([-2.0])}, "slope: -2 cannot be"),
-        ({"offset_m": np.zeros(2)}, "as many names as numbers"),
-        ({"direction": []}, "as many names as numbers"),
-        ({"slope_joint": []}, "as many names as numbers"),
-        ({"joint": 600 * ["hip"], "direction": 600 * ["up"], "offset_m": np.zeros(600)}, "512 at most"),
-        ({"joint": 2 * ["hip"], "direction": 2 * ["up"], "offset_m": np.zeros(2)}, "each name once"),
-        ({"cameras": []}, "1 to 512 cameras, got 0"),
-        ({"cameras": 600 * ["cam00"]}, "1 to 512 cameras, got 600"),
+        ({"offsets": {"tail": {}}}, "no joint 'tail'"),
+        ({"offsets": {"hip": {"sideways": 0.0}}}, "no direction 'sideways'"),
+        ({"lengths": {"tail": 0.4}}, "no segment 'tail'"),
+        ({"by_length": {"hip": {"up": {"shank": 0.1}}}}, "no segment 'shank'"),
+        ({"offsets": {"hip": {"up": np.nan}}}, "input should be a finite number"),
+        ({"offsets": {"hip": {"up": 7.0}}}, "offsets: expected numbers from -0.5 to 0.5"),
+        ({"lengths": {"thigh": -0.4}}, "lengths: expected numbers from 0.001 to 3"),
+        ({"by_length": {"hip": {"up": {"thigh": -2.0}}}}, "by_length: expected numbers from -1 to 1"),
+        ({"offsets": {"hip": {"up": "much"}}}, "offsets.hip.up: input should be a valid number"),
+        ({"offsets": 3}, "offsets: input should be"),
+        ({"more": 3}, "unknown key 'more'"),
     ],
 )
 def test_a_table_that_makes_no_sense_is_refused(change, words) -> None:
     msg = cm.message_from_joint_centres(centres(("cam00",), SMALL))
     assert cm.joint_centres_from_message(msg).table == SMALL
-    refusal(MessageError, words, cm.joint_centres_from_message, replace(msg, **change))
+    content = json.loads(msg.data)
+    sent = json.dumps({**content, "table": {**content["table"], **change}})
+    refusal(MessageError, words, cm.joint_centres_from_message, replace(msg, data=sent))
+
+
+@pytest.mark.parametrize(
+    ("sent", "words"),
+    [
+        ("", "expected a JSON object"),
+        ("[]", "expected a JSON object"),
+        ("[" * 100_000, "expected a JSON object"),
+        ('{"t_ns": 1, "cameras": ["a"]}', "expected a JSON object"),
+        ('{"t_ns": 1, "cameras": [], "table": null}', "1 to 512 cameras, got"),
+        (f'{{"t_ns": 1, "cameras": [{", ".join(600 * ["0"])}], "table": null}}', "1 to 512 cameras, got"),
+        ('{"t_ns": 1, "cameras": [7], "table": null}', "1 to 512 cameras, got"),
+        (f'{{"t_ns": {10**30}, "cameras": ["a"], "table": null}}', "t_ns: expected nanoseconds"),
+        ('{"t_ns": "x", "cameras": ["a"], "table": null}', "t_ns: expected nanoseconds"),
+        ('{"t_ns": 1, "cameras": ["a"], "table": 7}', "joint centres message"),
+    ],
+)
+def test_joint_centres_that_make_no_sense_are_refused(sent, words) -> None:
+    refusal(MessageError, words, cm.joint_centres_from_message, message(cm.JOINT_CENTRES_TYPE, data=sent))

@@ -1,7 +1,6 @@
-"""Head, wrists and hands as robots want them: axes, covariance, velocity, a model of the person."""
+"""Head, wrists and hands as robots want them: axes, covariance, velocity."""
 
 import dataclasses
-import xml.etree.ElementTree as ET
 
 import built
 import numpy as np
@@ -14,7 +13,6 @@ from posefuse_ros.bodies import (
     JOINTS,
     LINKS,
     PARTS,
-    POINTS,
     Velocities,
     angle_difference,
     bodies_from_pose,
@@ -23,7 +21,7 @@ from posefuse_ros.bodies import (
     parts_from_pose,
     pose_difference,
 )
-from posefuse_ros.ros_output import RosOutput, Sizes, sizes_from_points, urdf_text
+from posefuse_ros.ros_output import RosOutput
 
 BLAZE = SKELETONS["blazepose33"]
 S = 1_000_000_000
@@ -167,61 +165,6 @@ def test_covariance_and_velocity_of_parts_are_made_only_for_those_who_ask(kept, 
     output._part_rates.step = None
     output.step(person())
     assert kept.on(f"{one}/pose") and not kept.on(f"{one}/pose_with_covariance")
-
-
-# --- the model
-
-
-def world_from_links(text: str, state: dict[str, float]) -> dict[str, np.ndarray]:
-    """Forward kinematics of a URDF, body at the origin."""
-    found = {"body_p1": np.eye(4)}
-    for joint in ET.fromstring(text).findall("joint"):
-        matrix = np.eye(4)
-        matrix[:3, 3] = [float(v) for v in joint.find("origin").get("xyz").split()]
-        if joint.get("type") == "revolute":
-            axis = np.array([float(v) for v in joint.find("axis").get("xyz").split()])
-            matrix[:3, :3] = Rotation.from_rotvec(axis * state[joint.get("name")]).as_matrix()
-        found[joint.find("child").get("link")] = found[joint.find("parent").get("link")] @ matrix
-    return found
-
-
-def test_the_model_with_the_joint_states_stands_where_the_person_was_seen():
-    pose = person()
-    xyz = pose.xyz_world.copy()
-    bent = {
-        "left_elbow": [0.1, 0.4, 1.2],
-        "left_wrist": [0.3, 0.3, 1.3],
-        "right_knee": [0.3, -0.15, 0.7],
-        "right_ankle": [0.1, -0.15, 0.35],
-    }
-    xyz[0, BLAZE.indices(bent)] = list(bent.values())
-    points = xyz[:, [BLAZE.index(name) for name in POINTS]]
-    # sides that differ would not meet: a model has the mean of both
-    lengths = sizes_from_points(points)
-    assert lengths.shape == (1, 8)
-    bodies = bodies_from_pose(dataclasses.replace(pose, xyz_world=xyz))
-    state = {f"{name}_p1": value for name, value in zip(JOINTS, bodies.position_rad[0], strict=True)}
-    text = urdf_text("p1", Sizes(*lengths[0].tolist()))
-    found = world_from_links(text, state)
-    body_from_world = bodies.world_from_link[0, 0].inverse()
-    for link in ("torso", "head", "l_shoulder", "r_shoulder", "l_elbow", "r_elbow", "l_hip", "r_hip", "l_knee", "r_knee"):
-        expected = body_from_world @ bodies.world_from_link[0, LINKS.index(link)]
-        np.testing.assert_allclose(found[f"{link}_p1"][:3, :3], expected.matrix(), atol=1e-9, err_msg=link)
-        if link in ("torso", "l_shoulder", "r_hip"):
-            np.testing.assert_allclose(found[f"{link}_p1"][:3, 3], expected.xyz, atol=1e-4, err_msg=link)
-    assert {joint.get("name") for joint in ET.fromstring(text).findall("joint")} >= set(state)
-
-
-def test_a_model_comes_once_the_person_is_known_and_again_when_lengths_change(kept):
-    output, topic = RosOutput(kept), "/humans/bodies/p1/urdf"
-    for i in range(100):
-        output.step(person(np.random.default_rng(i), 0.005, t_ns=5 * S + i * S // 100))
-    (first,) = kept.on(topic)
-    assert 'xyz="0 0 -0.3' in first.data.replace("0.0000", "0") and topics.body("p1", "urdf").latched
-    for i in range(200):
-        pose = person(t_ns=7 * S + i * S // 100)
-        output.step(dataclasses.replace(pose, xyz_world=1.2 * pose.xyz_world))
-    assert len(kept.on(topic)) > 1
 
 
 X, Y, Z = np.eye(3)

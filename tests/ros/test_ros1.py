@@ -13,7 +13,8 @@ from ros1_master import wait_for_master
 
 from posefuse.core import DependencyError
 from posefuse_ros import ros1
-from posefuse_ros.types import ros1_types
+from posefuse_ros.messages import header
+from posefuse_ros.types import message, ros1_types
 
 HERE = Path(__file__).parent
 ROOT = HERE.parents[1]
@@ -45,7 +46,7 @@ def test_plain_ros1_sees_tf_joints_cameras_and_diagnostics(alone, ros1_python, p
     assert found["diagnostics"] == [1, "3 s", "60810da900de1dd6ddd437c3503511da"]
     assert found["topics"]["/posefuse/markers"] == "visualization_msgs/MarkerArray"
     assert found["topics"]["/humans/bodies/tracked"] == "hri_msgs/IdsList"
-    assert (found["markers"], found["points"], found["pose"]) == ("1", 18, "coco17")
+    assert (found["markers"], found["pose"]) == ("1", "coco17")
 
 
 def test_without_a_master_it_names_the_cause(alone, ros1_python, pose_file):
@@ -56,6 +57,21 @@ def test_without_a_master_it_names_the_cause(alone, ros1_python, pose_file):
 def test_without_rospy_it_names_the_missing_package(monkeypatch):
     monkeypatch.setitem(sys.modules, "rosgraph", None)
     refusal(DependencyError, "python3-rospy", ros1.Ros1Node, "x")
+
+
+def test_bytes_hold_what_was_given():
+    empty = np.zeros(0)
+    state = message(
+        "sensor_msgs/msg/JointState",
+        header=header(5_000_000_007, "base"),
+        name=["a", "b"],
+        position=np.array([1.0, 2.0]),
+        velocity=empty,
+        effort=empty,
+    )
+    found = ros1_types().deserialize_ros1(ros1.ros1_bytes(state), state.__msgtype__)
+    assert (found.header.stamp.sec, found.header.stamp.nanosec, found.header.frame_id) == (5, 7, "base")
+    assert found.name == ["a", "b"] and found.position.tolist() == [1.0, 2.0] and not len(found.effort)
 
 
 CHECKSUMS = {
@@ -74,12 +90,10 @@ def test_types_have_the_checksums_ros1_programs_expect(type_name):
 
 def test_the_documented_packages_hold_every_type_that_is_sent():
     """`rostopic echo` needs the Python package of a type; ours and hri_msgs are built by the user, as docs/ros.md says."""
-    paths = [
-        path for name in ("posefuse-ros/src/posefuse_ros", "posefuse-teleop") for path in (ROOT / "packages" / name).rglob("*.py")
-    ]
+    paths = (ROOT / "packages/posefuse-ros/src/posefuse_ros").rglob("*.py")
     text = "\n".join(path.read_text(encoding="utf-8") for path in paths)
-    # rosgraph_msgs comes with rospy; Foxglove's types go to recordings of ROS 2 only
-    types = {*re.findall(r'"(\w+_msgs)/msg/', text)} - {"posefuse_msgs", "hri_msgs", "foxglove_msgs", "rosgraph_msgs"}
+    # rosgraph_msgs comes with rospy
+    types = {*re.findall(r'"(\w+_msgs)/msg/', text)} - {"posefuse_msgs", "hri_msgs", "rosgraph_msgs"}
     wanted = {f"python3-{one.replace('_', '-')}" for one in types}
     listed = set(re.findall(r"python3-[a-z0-9-]+", (ROOT / "docs/ros.md").read_text(encoding="utf-8").split("## ROS 1")[1]))
     assert len(wanted) > 5 and wanted <= listed

@@ -68,30 +68,6 @@ def test_joints_are_named_after_rep155_with_the_id(kept, standing):
     assert "waist_p1" in at
 
 
-def test_skeleton2d_is_the_view_of_the_first_camera(kept, standing, ring_rig):
-    rig = ring_rig(3)
-    output = RosOutput(kept, rig)
-    output.step(standing(right_wrist=(0, 60, 1)))
-    (msg,) = kept.on("/humans/bodies/p1/skeleton2d")
-    assert msg.header.frame_id == "cam00_optical_frame"
-    nose, neck, right_wrist = msg.skeleton[0], msg.skeleton[1], msg.skeleton[4]
-    expected = rig["cam00"].project(np.array([0.1, 0, 1.6])) / [639, 479]
-    np.testing.assert_allclose([nose.x, nose.y, nose.c], [*expected, 1], rtol=1e-6)
-    assert neck.c == 1  # made of the shoulders
-    assert (right_wrist.x, right_wrist.y, right_wrist.c) == (0, 0, 0)
-    (roi,) = kept.on("/humans/bodies/p1/roi")
-    assert 0 <= roi.xmin < nose.x < roi.xmax <= 1 and 0 <= roi.ymin <= nose.y < roi.ymax <= 1
-    assert roi.c == 1 and roi.header.frame_id == "cam00_optical_frame"
-
-
-def test_points_far_outside_are_not_bent_back_into_the_image(kept, standing, ring_rig):
-    output = RosOutput(kept, ring_rig(1, distortion=(-0.3, 0.0, 0.0, 0.0)))
-    side = np.array([-np.sin(0.3), np.cos(0.3), 0]) * 14
-    output.step(standing(right_wrist=tuple(side + [0, 0, 1])))
-    (msg,) = kept.on("/humans/bodies/p1/skeleton2d")
-    assert msg.skeleton[4].c == 0
-
-
 def test_markers_show_bones_seen_at_both_ends(kept, standing):
     pose = standing(left_wrist=(np.nan,) * 3)
     RosOutput(kept).step(pose)

@@ -11,11 +11,10 @@ from posefuse_teleop.limits import Motion
 from posefuse_teleop.values import Order, Phase
 
 
-def commanded(xyz, wxyz, velocity=(0.0, 0.0, 0.0), turn_rate=(0.0, 0.0, 0.0), *, brakes=False) -> Follower:
-    """End effectors at (H, 3), (H, 4) that all move at `velocity` and turn at `turn_rate`."""
+def commanded(xyz, wxyz, velocity=(0.0, 0.0, 0.0), *, brakes=False) -> Follower:
+    """End effectors at (H, 3), (H, 4) that all move at `velocity`."""
     moves = tuple(Motion(position=one, velocity=np.array(velocity)) for one in xyz)
-    turns = tuple(Motion(velocity=np.array(turn_rate)) for _ in xyz)
-    return replace(standing(xyz, wxyz), moves=moves, turns=turns, limited="brakes" if brakes else "")
+    return replace(standing(xyz, wxyz), moves=moves, limited="brakes" if brakes else "")
 
 
 def order(seq, sent_ns, xyz, wxyz, **others) -> Order:

@@ -7,7 +7,6 @@ import struct
 import time
 import urllib.error
 import urllib.request
-from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -15,13 +14,12 @@ import pytest
 from checks import refusal
 
 import posefuse as pf
-from bench.rehearsal.person import person_view
 from posefuse.core import ConfigError, SourceError
 from posefuse_ros.messages import header
 from posefuse_ros.types import encode, message
 from posefuse_teleop.gate import Heartbeats
 from posefuse_teleop.settings import RosPlan
-from posefuse_teleop.switches import GestureSwitch, JoystickSwitch, KeySwitch, WebSwitch, open_deadman
+from posefuse_teleop.switches import JoystickSwitch, KeySwitch, WebSwitch, open_deadman
 
 NOW_NS = 10**12
 
@@ -88,14 +86,6 @@ def test_a_joystick_is_held_until_it_is_let_go_or_pulled_out(tmp_path):
     assert switch.poll(NOW_NS, None).heartbeats
     os.close(writer)
     assert not switch.poll(NOW_NS, None).heartbeats
-
-
-def test_a_gesture_ticks_once_for_each_new_pose():
-    view = person_view(np.array([0.3, -0.25, 1.1]), NOW_NS, measured_ns=NOW_NS - 40_000_000)
-    switch, up = GestureSwitch(), replace(view, gesture=True)
-    assert not switch.poll(NOW_NS, view).heartbeats and not switch.poll(NOW_NS, None).heartbeats
-    assert switch.poll(NOW_NS, up).heartbeats[0].sent_ns == NOW_NS - 40_000_000
-    assert not switch.poll(NOW_NS, up).heartbeats
 
 
 @pytest.fixture
@@ -166,12 +156,7 @@ def test_buttons_of_the_page(web):
     assert pressed.emergency and not pressed.reset
 
 
-def test_a_gesture_alone_is_refused_where_it_is_not_enough():
-    refusal(ConfigError, "--i-have-an-emergency-stop", open_deadman, "gesture", gesture_allowed=False)
-    open_deadman("gesture", gesture_allowed=True).close()
-
-
-@pytest.mark.parametrize("text", ["", "keys", "joystick", "web:x", "ros:joy", "gesture:left"])
+@pytest.mark.parametrize("text", ["", "keys", "joystick", "web:x", "ros:joy", "gesture"])
 def test_an_unknown_switch_is_refused_in_one_line(text):
     refusal(ConfigError, "expected one of", open_deadman, text)
 

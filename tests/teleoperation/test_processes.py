@@ -114,7 +114,7 @@ def test_a_robot_that_cannot_be_driven_is_reported_in_one_line():
 
 
 def teleoperating(demo_session, *options):
-    words = command(demo_session, "--deadman", "gesture", "--elsewhere", *options)
+    words = command(demo_session, "--deadman", "web", "--elsewhere", *options)
     running = Live(["teleoperate" if word == "live" else word for word in words])
     running.wait_for("READY")
     return running
@@ -143,19 +143,19 @@ def test_ctrl_c_ends_a_session_in_order_and_its_figures_are_printed(demo_session
 @pytest.mark.parametrize(
     ("options", "words"),
     [
-        ("--command pose", "--command: needs --ros or --ros1"),
+        ("--command pose", "--command: needs --ros"),
         ("--cmd-vel /cmd_vel", "--cmd-vel: needs --command joints"),
-        ("--cmd-vel /cmd_vel --ros --command twist", "--cmd-vel: needs --command joints"),
+        ("--cmd-vel /cmd_vel --ros --command pose", "--cmd-vel: needs --command joints"),
         ("--cmd-vel-twist --ros --command joints", "--cmd-vel-twist: needs --cmd-vel"),
         ("--controller /arm/commands --ros", "--controller: needs --command joints"),
         ("--base-frame base", "--base-frame: needs --command"),
-        ("--view --ros --command pose", "--view: shows the simulated robot; --view-scene"),
-        ("--robot arm.xml --ros --command twist", "--robot: --command twist knows no model"),
+        ("--view --ros --command pose", "--view: shows the simulated robot; RViz"),
+        ("--robot arm.xml --ros --command pose", "--robot: --command pose knows no model"),
         ("--domain 5", "--domain 5: no source and no output is in ROS 2"),
     ],
 )
 def test_no_option_of_a_robot_is_ignored(options, words, demo_session, capsys):
     rig, source = str(demo_session / "rig.toml"), f"sim:{demo_session}"
-    assert cli.main(["teleoperate", rig, "--source", source, "--deadman", "gesture", *options.split()]) == 1
+    assert cli.main(["teleoperate", rig, "--source", source, "--deadman", "web", *options.split()]) == 1
     out, err = capsys.readouterr()
     assert out == "" and words in err and err.count("\n") == 1

@@ -6,7 +6,6 @@ import threading
 import time
 from collections import defaultdict
 from contextlib import closing, contextmanager
-from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -84,20 +83,14 @@ def arm(x=0.5, turned_rad=0.0):
     return ("base_link", "elbow", SE3.from_rotvec([0.0, 0.0, turned_rad], [x, 0.0, 0.5])), ("elbow", "tool", SE3.identity())
 
 
-def cartesian(command, clock):
+def cartesian(clock):
     node = Node()
-    robot = RosCartesian(node, PLAN, command, ("tool",), PLACE)
+    robot = RosCartesian(node, PLAN, ("tool",), PLACE)
     node.send(TF.name, tf_message(clock.s, *arm()))
     assert robot.known() and not robot.state().fault
     return node, robot
 
 
-def wanted(robot, velocity=(0.0, 0.0, 0.0), *, ahead=(0.0, 0.0, 0.0), turn_rate=(0.0, 0.0, 0.0)):
-    state = robot.state()
-    return commanded(state.xyz_world + [ahead], state.wxyz, velocity, turn_rate, brakes=not any(velocity))
-
-
-@pytest.mark.parametrize("command", ["pose", "twist"])
 @pytest.mark.parametrize(
     "others",
     [
@@ -109,8 +102,8 @@ def wanted(robot, velocity=(0.0, 0.0, 0.0), *, ahead=(0.0, 0.0, 0.0), turn_rate=
         pytest.param(lambda t_s: (TF_STATIC, tf_message(t_s, *arm())), id="static transforms"),
     ],
 )
-def test_a_silent_robot_has_a_fault_however_busy_tf_is(clock, command, others):
-    node, robot = cartesian(command, clock)
+def test_a_silent_robot_has_a_fault_however_busy_tf_is(clock, others):
+    node, robot = cartesian(clock)
     for step in range(21):
         assert step > 19 or not robot.state().fault
         clock.s += DT_S
@@ -122,7 +115,7 @@ def test_a_silent_robot_has_a_fault_however_busy_tf_is(clock, command, others):
 
 
 def test_messages_without_a_stamp_count_by_their_arrival(clock):
-    node, robot = cartesian("pose", clock)
+    node, robot = cartesian(clock)
     for _ in range(50):
         clock.s += DT_S
         node.send(TF.name, tf_message(0.0, *arm()))
@@ -130,10 +123,10 @@ def test_messages_without_a_stamp_count_by_their_arrival(clock):
 
 
 @pytest.mark.parametrize(("off_s", "fault"), [(0.19, ""), (-0.19, ""), (3.0, "are 3.0 s ahead of"), (-3.0, "are 3.0 s behind")])
-@pytest.mark.parametrize("command", ["pose", "twist", "joints"])
+@pytest.mark.parametrize("command", ["pose", "joints"])
 def test_a_robot_on_another_clock_has_a_fault(clock, jointed, command, off_s, fault):
     """Its controllers judge by their clock how old a command is: one that is behind would follow the last command for as long."""
-    node, robot = jointed if command == "joints" else cartesian(command, clock)
+    node, robot = jointed if command == "joints" else cartesian(clock)
     for _ in range(3):
         clock.s += DT_S
         node.send(TF.name, tf_message(clock.s + off_s, *arm()))
@@ -143,22 +136,14 @@ def test_a_robot_on_another_clock_has_a_fault(clock, jointed, command, off_s, fa
 
 
 def test_a_transform_stamped_for_later_shows_no_other_clock(clock):
-    node, robot = cartesian("pose", clock)
+    node, robot = cartesian(clock)
     node.send(TF.name, tf_message(clock.s + 1.0, arm()[1]))
     assert not robot.state().fault
 
 
-def test_positions_without_a_stamp_need_no_common_clock(clock):
-    node = Node()
-    chain = Chain(mujoco_model(None, ("right",)), ("right_hand",), LimitSettings().collision_m)
-    robot = RosJoints(node, replace(PLAN, controller="/arm/commands", stamped=False), chain, LimitSettings(), PLACE)
-    node.send(JOINT_STATES, joint_state(clock.s + 3.0, ARM_HOME_RAD))
-    assert robot.known() and not robot.state().fault
-
-
 def test_a_robot_whose_pose_comes_as_static_transforms_only_is_not_known_to_live(clock):
     node = Node()
-    robot = RosCartesian(node, PLAN, "pose", ("tool",), PLACE)
+    robot = RosCartesian(node, PLAN, ("tool",), PLACE)
     node.send(TF_STATIC.name, tf_message(clock.s, *arm()))
     assert robot.known() and "nothing new" in robot.state().fault
 
@@ -172,52 +157,11 @@ def test_the_path_between_two_frames_is_their_own_transforms():
 
 @pytest.mark.parametrize(("x", "turned_rad", "fault"), [(0.62, 0.2, False), (0.67, 0.0, True), (0.5, 0.4, True)])
 def test_a_pose_that_is_not_followed_is_a_fault(clock, x, turned_rad, fault):
-    node, robot = cartesian("pose", clock)
-    robot.move(wanted(robot), DT_S)
+    node, robot = cartesian(clock)
+    state = robot.state()
+    robot.move(commanded(state.xyz_world, state.wxyz, brakes=True), DT_S)
     node.send(TF.name, tf_message(clock.s, *arm(x, turned_rad)))
     assert bool(robot.state().fault) == fault
-
-
-def driven(clock, seconds, velocity, moved, turn_rate=0.0):
-    """Faults by time step of a robot that is sent a velocity along its base's x; `moved(t)`: where along x, and turned, it is."""
-    node, robot = cartesian("twist", clock)
-    faults, start_s = [], clock.s
-    for k in range(round(seconds / DT_S)):
-        speed = velocity(k * DT_S) if callable(velocity) else velocity
-        robot.move(wanted(robot, (0.0, speed, 0.0), turn_rate=(0.0, 0.0, turn_rate)), DT_S)
-        clock.s += DT_S
-        x, turned_rad = moved(clock.s - start_s)
-        node.send(TF.name, tf_message(clock.s, *arm(0.5 + x, turned_rad)))
-        faults.append(robot.state().fault)
-    return faults
-
-
-def test_a_twist_that_is_not_followed_is_a_fault(clock):
-    faults = driven(clock, 1.0, 0.5, lambda t: (0.0, 0.0))
-    assert not faults[28] and all(faults[32:])
-    assert any(driven(clock, 1.0, 0.0, lambda t: (0.0, 0.0), turn_rate=1.0))
-
-
-def test_a_robot_that_continues_after_zero_velocity_is_a_fault(clock):
-    faults = driven(clock, 1.0, lambda t: 0.5 if t < 0.5 else 0.0, lambda t: (0.5 * t, 0.0))
-    assert not any(faults[:70]) and all(faults[85:])
-
-
-def test_a_robot_that_follows_twists_late_and_drifts_has_no_fault(clock):
-    # 0.2 s late, 2 cm/s of drift, for a minute in one direction and back
-    speed = lambda t: 0.5 * np.sin(2 * np.pi * t / 20)  # noqa: E731
-    place = lambda t: 0.5 * 20 / (2 * np.pi) * (1 - np.cos(2 * np.pi * max(t, 0.0) / 20))  # noqa: E731
-    faults = driven(clock, 60.0, speed, lambda t: (place(t - 0.2) + 0.02 * t, 0.01 * t))
-    assert not any(faults)
-
-
-def test_the_position_of_a_robot_that_stands_counts_as_commanded_after_twists(clock):
-    _, robot = cartesian("twist", clock)
-    robot.move(wanted(robot, (0.0, 0.1, 0.0), ahead=(0.0, 0.05, 0.0)), DT_S)
-    ahead = robot.state().xyz_world
-    assert ahead == pytest.approx(np.array([[2.0, 0.55, 0.5]]))
-    robot.move(wanted(robot), DT_S)
-    assert robot.state().xyz_world == pytest.approx(np.array([[2.0, 0.5, 0.5]]))
 
 
 def sent_at_the_end(node, robot):
@@ -227,15 +171,6 @@ def sent_at_the_end(node, robot):
     robot.close()
     assert node.closed >= 1
     return [(part.x, part.y, part.z) for msg in node.sent[count:] for part in (msg.twist.linear, msg.twist.angular)]
-
-
-@pytest.mark.parametrize("command", ["pose", "twist"])
-def test_a_robot_that_is_left_gets_zero_velocity(clock, command):
-    node, robot = cartesian(command, clock)
-    robot.move(wanted(robot, (0.1, 0.2, 0.3)), DT_S)
-    assert sent_at_the_end(node, robot) == ([(0.0, 0.0, 0.0)] * 2 if command == "twist" else [])
-    # one that was never commanded is left alone
-    assert sent_at_the_end(*cartesian(command, clock)) == []
 
 
 def test_a_mobile_base_is_left_with_zero_velocity(jointed):
@@ -363,9 +298,9 @@ def test_a_process_that_was_stopped_does_not_throw_the_arm_back(jointed, left_ou
     np.testing.assert_allclose(rates, share * before, atol=0.02)
 
 
-def test_a_driver_that_fails_leaves_a_robot_without_velocity(clock, monkeypatch):
-    node, robot = cartesian("twist", clock)
-    robot.move(wanted(robot, (0.1, 0.2, 0.3)), DT_S)
+def test_a_driver_that_fails_leaves_a_base_without_velocity(jointed, monkeypatch):
+    node, robot = jointed
+    moving(robot)
     handlers = {number: signal.getsignal(number) for number in (signal.SIGINT, *REQUESTS_TO_END)}
 
     def fail(*_):
@@ -464,57 +399,50 @@ def robot_node():
         node.close()
 
 
-def received(node, topic, act, wanted=lambda msg: True):
+def received(node, topic, act):
     reader = node.reader(topic)
     for _ in range(200):
         act()
         time.sleep(0.02)
         for sample in reader.take():
-            if wanted(msg := decode(sample.raw, topic.type_name, 10**6)):
-                return msg
+            return decode(sample.raw, topic.type_name, 10**6)
     pytest.fail(f"nothing on {topic.name}")
 
 
-@pytest.mark.parametrize("command", ["pose", "twist"])
-def test_a_cartesian_controller_gets_poses_or_velocities_in_its_base_frame(command):
+def test_a_cartesian_controller_gets_poses_in_its_base_frame():
     with robot_node() as node:
-        robot = open_ros_robot(command, PLAN, None, ("tool",), SETTINGS)
+        robot = open_ros_robot("pose", PLAN, None, ("tool",), SETTINGS)
         state = robot.state()
         # the base stands at (2, 0), turned by a quarter
         assert state.xyz_world[0] == pytest.approx([2.0, 0.3, 0.5]) and not state.fault
-        name, kind = ("target", "PoseStamped") if command == "pose" else ("twist", "TwistStamped")
-        topic = Topic(f"{NAMESPACE}/tool/{name}", f"geometry_msgs/msg/{kind}", depth=1)
+        topic = Topic(f"{NAMESPACE}/tool/target", "geometry_msgs/msg/PoseStamped", depth=1)
         got = received(node, topic, lambda: robot.move(commanded(state.xyz_world, state.wxyz, (0.0, 0.2, 0.1)), 0.01))
         assert got.header.frame_id == "base_link"
-        if command == "pose":
-            place = got.pose.position
-            assert [place.x, place.y, place.z] == pytest.approx([0.3, 0.0, 0.5])
-        else:
-            speed = got.twist.linear
-            assert [speed.x, speed.y, speed.z] == pytest.approx([0.2, 0.0, 0.1])
-            # what is sent last comes, although the node closes behind it
-            robot.close()
-            assert received(node, topic, lambda: None, wanted=lambda msg: msg.twist.linear.x == 0.0).twist.linear.y == 0.0
+        place = got.pose.position
+        assert [place.x, place.y, place.z] == pytest.approx([0.3, 0.0, 0.5])
         robot.close()
 
 
-@pytest.mark.parametrize("controller", ["/arm/joint_trajectory", "/arm/commands"])
-def test_joints_of_our_inverse_kinematics_go_to_a_controller(tmp_path, controller):
+def test_joints_of_our_inverse_kinematics_go_to_a_controller(tmp_path):
     file = tmp_path / "robot.xml"
     file.write_text(mobile_manipulator())
     with robot_node() as node:
-        robot = open_ros_robot("joints", replace(PLAN, controller=controller), file, ("right_hand",), SETTINGS)
+        robot = open_ros_robot("joints", PLAN, file, ("right_hand",), SETTINGS)
         state = robot.state()
         wanted = commanded(state.xyz_world + [[0.0, 0.002, 0.0]], state.wxyz)
-        as_points = controller.endswith("/joint_trajectory")
-        kind = "trajectory_msgs/msg/JointTrajectory" if as_points else "std_msgs/msg/Float64MultiArray"
-        got = received(node, Topic(controller, kind, depth=1), lambda: robot.move(wanted, 0.01))
-        assert not as_points or got.joint_names == JOINTS
-        assert (got.points[0].positions if as_points else got.data) == pytest.approx(np.array(ARM_HOME_RAD), abs=0.5)
-        at_rest = commanded(state.xyz_world, state.wxyz)
-        base = received(node, Topic("/cmd_vel", "geometry_msgs/msg/TwistStamped", depth=1), lambda: robot.move(at_rest, 0.01))
+        arm = Topic(PLAN.controller, "trajectory_msgs/msg/JointTrajectory", depth=1)
+        got = received(node, arm, lambda: robot.move(wanted, 0.01))
+        assert got.joint_names == JOINTS
+        assert got.points[0].positions == pytest.approx(np.array(ARM_HOME_RAD), abs=0.5)
+        at_rest, cmd_vel = commanded(state.xyz_world, state.wxyz), Topic("/cmd_vel", "geometry_msgs/msg/TwistStamped", depth=1)
+        base = received(node, cmd_vel, lambda: robot.move(at_rest, 0.01))
         assert abs(base.twist.linear.x) <= 0.3
+        # what is sent last comes, although the node closes behind it
+        time.sleep(0.2)
+        node.reader(cmd_vel).take()
         robot.close()
+        last = received(node, cmd_vel, lambda: None).twist
+        assert last.linear.x == last.linear.y == last.angular.z == 0.0
 
 
 @pytest.mark.parametrize("command", ["pose", "joints"])

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any, Literal
 
@@ -26,7 +26,7 @@ from posefuse.health.camera_monitor import Event
 from posefuse.pipeline.config import read_changed
 from posefuse.realtime.config import LiveConfig, RunOptions
 from posefuse.realtime.fusion_loop import Fusion
-from posefuse.realtime.inputs import check_ros_is_used, inputs_from_arguments, rig_of_inputs, shown_again
+from posefuse.realtime.inputs import check_ros_is_used, compare_rig, inputs_from_arguments, shown_again
 from posefuse.realtime.latency import STAGES
 from posefuse.realtime.messages import LivePlan
 from posefuse.realtime.networks import fetch_networks
@@ -188,7 +188,7 @@ def track_live(
     count = len(plan.inputs)
     with shown(progress) as news:
         say = lines_of(news, "live")
-        plan = replace(plan, rig=rig_of_inputs(plan.rig, plan.inputs, plan.config.camera_info, say))
+        compare_rig(plan.rig, plan.inputs, say)
         say(f"{count} camera{'s' * (count != 1)}: " + ", ".join(f"{entry.camera} ({entry.kind})" for entry in plan.inputs))
         fetch_networks(plan.config.detector, news)
         with kept_videos(None if videos is None else Path(videos), plan.rig, plan.inputs) as folder:

@@ -245,7 +245,7 @@ USUAL = {
     "solve": "--out --force --exclude --keep-person --no-edits --start --end --outputs --set",
     "batch": "--out --force --jobs --outputs --networks --set",
     "live": "--source --duration --record --videos --ros --osc --json-udp --output --view --people --networks --set",
-    "teleoperate": "--source --duration --hand --deadman --i-have-an-emergency-stop --robot --robot-at --elsewhere --box --speed "
+    "teleoperate": "--source --duration --hand --deadman --robot --robot-at --elsewhere --box --speed "
     "--limits --view --record --ros --command",
     "node camera": "--source --name --domain --peer",
     "node fusion": "--domain --peer",

@@ -25,7 +25,6 @@ from .terminal import Terminal, quoted
 
 LIVE_SETTINGS = {
     "body": "body", "track.max_people": "people N", "names": "names A,B,...", "rate_hz": "rate HZ", "groups": "groups N",
-    "camera_info": "camera-info",
 }  # fmt: skip
 
 

@@ -21,7 +21,7 @@ _ANY_WIDTH = 10_000
 _ARGUMENT = re.compile(r"`(\w+)=([^`]*)`")
 _OPTIONS = {
     "replace": "force", "rate_hz": "rate", "start_s": "start", "end_s": "end", "drift": "clocks drift", "max_offset_s": "most-s",
-    "focal_known_to_percent": "refine-lenses", "camera_distance": "apart", "emergency_stop": "i-have-an-emergency-stop",
+    "focal_known_to_percent": "refine-lenses", "camera_distance": "apart",
     "domain_id": "domain", "peers": "peer", "align_time": "no-time", "align_space": "no-space", "align_first_s": "align-first",
     "loop_s": "loop", "settings": "set", "edits": "no-edits",
 }  # fmt: skip

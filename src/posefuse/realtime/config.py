@@ -14,7 +14,6 @@ from posefuse.fusion.settings import FuseSettings
 from posefuse.kinematics.settings import BodySettings
 from posefuse.tracking.settings import LiveSettings
 
-CameraInfoUse = Literal["check", "use", "ignore"]
 # 32 years
 _LONGEST_S = 1e9
 
@@ -45,10 +44,6 @@ class LiveConfig:
         joint_centres: move keypoints to anatomical joint centres, if the detector has a table for it.
         body: fit one skeleton of constant segment lengths per person to the rays of all views; lengths are learnt on the way.
             ``auto`` does so where a table of joint centres was fitted to the detector.
-        camera_info: CameraInfo of cameras whose images come from ROS: compare it with the rig, use it instead of the rig's
-            intrinsics (on several machines also on the fusion node, which takes those that the camera nodes send), or ignore it.
-        hand_over_s: of cameras on other machines: one whose sender is silent for so long is handed over to another sender; left
-            out: who sent first keeps the camera while it is on the network.
         outputs: live outputs by name, each with its options, see `posefuse plugins`.
         gate: which keypoints are sent out.
         detector: which detector finds keypoints in images.
@@ -64,8 +59,6 @@ class LiveConfig:
     search_every_s: Annotated[float, Gt(0)] = 0.5
     joint_centres: bool = True
     body: Literal["auto", "on", "off"] = "auto"
-    camera_info: CameraInfoUse = "check"
-    hand_over_s: Annotated[float, Gt(0), Le(3600)] | None = None
     outputs: dict[str, dict[str, Any]] = field(default_factory=dict)
     gate: KeypointGateSettings = field(default_factory=KeypointGateSettings)
     detector: DetectorChoice = field(default_factory=DetectorChoice)

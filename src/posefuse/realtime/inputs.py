@@ -14,7 +14,6 @@ from posefuse.foundation.plugins import from_package, plugin_config, sources_of_
 from posefuse.sources.video import length_s
 
 from .capture import LiveInput
-from .config import CameraInfoUse
 
 KINDS = ("video", "usb", "rtsp", "http", "ros", "realsense", "oak", "sim")
 # what all topics of a session share, see `posefuse_ros.dds_domain.NetworkSettings`
@@ -89,18 +88,14 @@ def check_ros_is_used(ros: Mapping[str, Any], inputs: Sequence[LiveInput], outpu
         raise ConfigError(f"`{name}={shown}`: no source and no output is in ROS 2; leave it out, or add one")
 
 
-def rig_of_inputs(rig: Rig, inputs: Sequence[LiveInput], use: CameraInfoUse, say: Callable[[str], None]) -> Rig:
-    """The rig after each kind of source that states intrinsics of its own has compared them with it, or changed it.
+def compare_rig(rig: Rig, inputs: Sequence[LiveInput], say: Callable[[str], None]) -> None:
+    """Let each kind of source that states intrinsics of its own compare them with the rig's, and report differences.
 
-    A config class of such a source has ``checked_rig(rig, inputs, use, say) -> Rig``.
-
-    Raises:
-        SourceError: images of another size than the rig's, or intrinsics that are to be used and do not come.
+    A config class of such a source has ``compare_rig(rig, inputs, say)``.
     """
     for kind in dict.fromkeys(type(entry.config) for entry in inputs):
-        if hasattr(kind, "checked_rig"):
-            rig = kind.checked_rig(rig, [entry for entry in inputs if type(entry.config) is kind], use, say)
-    return rig
+        if hasattr(kind, "compare_rig"):
+            kind.compare_rig(rig, [entry for entry in inputs if type(entry.config) is kind], say)
 
 
 def _check_ros(ros: Mapping[str, Any]) -> None:

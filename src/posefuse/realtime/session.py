@@ -32,7 +32,7 @@ from .capture import LiveInput, keeping_packets
 from .estimator import warmed_up
 from .fusion_loop import Fusion
 from .group import GroupPlan
-from .inputs import rig_of_inputs
+from .inputs import compare_rig
 from .messages import (
     AddOutput,
     KeepVideos,
@@ -318,8 +318,8 @@ def serve(channel: Channel, plan: LivePlan, images: bool) -> None:
             with suppress(ChannelClosed):
                 channel.send(line, _SEND_S)
 
-        rig = rig_of_inputs(plan.rig, plan.inputs, plan.config.camera_info, say)
-        run_live(replace(plan, rig=rig), say, reader=SessionReader(channel, images), requests=requests)
+        compare_rig(plan.rig, plan.inputs, say)
+        run_live(plan, say, reader=SessionReader(channel, images), requests=requests)
     except PosefuseError as problem:
         error = problem
     except KeyboardInterrupt:

@@ -1,10 +1,9 @@
-"""`sensor_msgs/CameraInfo` of image topics and of camera nodes: compared with the cameras of a rig, or taken for them."""
+"""`sensor_msgs/CameraInfo` of image topics and of camera nodes: compared with the cameras of a rig."""
 
 from __future__ import annotations
 
 import time
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import replace
 from typing import Any
 
 import cv2
@@ -14,7 +13,6 @@ from posefuse.core import Camera, MessageError, Rig, SourceError
 from posefuse.core.arrays import Array
 from posefuse.core.ideal_image import drawn_camera, has_lens, optics_of
 from posefuse.realtime.capture import LiveInput
-from posefuse.realtime.config import CameraInfoUse
 from posefuse.realtime.notices import Say
 
 from . import topics
@@ -124,43 +122,23 @@ def apart_px(one: Camera, other: Camera) -> float:
     return float(np.nanmax(apart)) if np.isfinite(apart).any() else float("inf")
 
 
-def rig_after_camera_infos(rig: Rig, inputs: Sequence[LiveInput], use: CameraInfoUse, say: Say) -> Rig:
-    """The rig to work with: with intrinsics of `CameraInfo` where `use` is ``use``, else unchanged, and differences are reported.
-
-    Args:
-        inputs: with a ROS topic; other cameras stay as they are.
-
-    Raises:
-        SourceError: images of another size than the rig's, or ``use`` where no calibration comes.
-    """
-    if use == "ignore":
-        return rig
-    configs = {entry.camera: entry.config for entry in inputs}
-    infos = read_camera_infos([config.topic for config in configs.values()], inputs[0].config.network, _WITHIN_S)
-    found: dict[str, Camera] = {}
-    for name, config in configs.items():
-        topic, msg = info_topic(config.topic), infos.get(config.topic)
-        try:
-            camera = camera_of_info(rig[name], msg) if msg is not None else None
-        except MessageError as error:
-            raise SourceError(f"{topic}: {error}; `camera_info=ignore` continues without it") from None
-        problem = _problem(rig[name], camera, silent=msg is None)
-        if use == "use" and camera is None:
-            raise SourceError(f"camera {name}: its intrinsics are wanted from {topic}, but {problem}")
-        if use == "check" and problem:
-            say(f"camera {name}: {topic}: {problem}")
-        if camera is not None:
-            found[name] = camera
-    if use == "check":
-        return rig
-    say(f"intrinsics of {', '.join(found)} are those of their CameraInfo")
-    return replace(rig, cameras=tuple(found.get(camera.name, camera) for camera in rig))
+def compare_camera_infos(rig: Rig, inputs: Sequence[LiveInput], say: Say) -> None:
+    """Report each camera whose `CameraInfo` does not confirm the rig's intrinsics; `inputs`: with a ROS topic."""
+    topics_of = {entry.camera: entry.config.topic for entry in inputs}
+    infos = read_camera_infos([*topics_of.values()], inputs[0].config.network, _WITHIN_S)
+    for name, topic in topics_of.items():
+        if problem := _problem(rig[name], infos.get(topic)):
+            say(f"camera {name}: {info_topic(topic)}: {problem}")
 
 
-def _problem(ours: Camera, theirs: Camera | None, *, silent: bool) -> str:
-    """What keeps a `CameraInfo` from confirming the rig's intrinsics; empty when it does."""
-    if silent:
+def _problem(ours: Camera, msg: Any) -> str:
+    """What keeps a `CameraInfo`, None where none came, from confirming the rig's intrinsics; empty when it does."""
+    if msg is None:
         return f"nothing came within {_WITHIN_S:g} s; the rig's intrinsics are not checked"
+    try:
+        theirs = camera_of_info(ours, msg)
+    except MessageError as error:
+        return f"{error}; the rig's intrinsics are not checked"
     if theirs is None:
         return "it holds no calibration (K is 0); the rig's intrinsics are not checked"
     apart = apart_px(ours, theirs)
@@ -168,12 +146,11 @@ def _problem(ours: Camera, theirs: Camera | None, *, silent: bool) -> str:
         return ""
     return (
         f"it differs from the rig by up to {apart:.1f} px (focal length {theirs.K[0, 0]:.1f} px, rig {ours.K[0, 0]:.1f} px); "
-        "the rig's is used, `camera_info=use` takes this one"
+        "the rig's is used, by which its poses were calibrated"
     )
 
 
 _MOST_BYTES = 10_000
-_WAIT_S, _SAY_EVERY_S = 0.2, 10.0
 
 
 def publish_intrinsics(node: RosNode, rig: Rig, cameras: Iterable[str], t_ns: int) -> None:
@@ -186,12 +163,10 @@ class NodeIntrinsics:
     """What camera nodes publish about the cameras of a rig.
 
     Attributes:
-        cameras: those received so far, with the poses of the rig.
-        problems: one line per camera whose intrinsics cannot be used, or differ from the rig's, that was not taken yet.
+        problems: one line per camera whose intrinsics cannot be read, or differ from the rig's, that was not taken yet.
     """
 
     def __init__(self, node: RosNode, rig: Rig) -> None:
-        self.cameras: dict[str, Camera] = {}
         self.problems: list[str] = []
         self._rig = rig
         self._readers = {name: node.reader(topics.node_camera_info(name)) for name in rig.names}
@@ -203,40 +178,15 @@ class NodeIntrinsics:
                 try:
                     self._take(self._rig[name], sample.raw)
                 except MessageError as error:
-                    self.problems.append(f"camera {name}: intrinsics of its node: {error}; not used")
+                    self.problems.append(f"camera {name}: intrinsics of its node: {error}; not compared")
 
     def _take(self, ours: Camera, raw: bytes) -> None:
         theirs = camera_from_info(ours.name, decode(raw, CAMERA_INFO_TYPE, _MOST_BYTES), ours.cam_from_world)
         if theirs.size_wh != ours.size_wh:
             raise MessageError(f"expected images of {ours.size_wh} px as in the rig, got {theirs.size_wh}")
-        self.cameras[ours.name] = theirs
         apart = apart_px(ours, theirs)
         if apart > AGREE_PX:
             self.problems.append(
                 f"camera {ours.name}: its node works with other intrinsics than the rig here (up to {apart:.1f} px apart); "
-                "`camera_info=use` takes those of the nodes"
+                "give all machines the same rig file"
             )
-
-
-def rig_of_nodes(rig: Rig, network: Network, say: Say, duration_s: float | None = None) -> Rig:
-    """The rig with the intrinsics that the camera nodes use; waits until those of every camera of the rig are received.
-
-    Raises:
-        SourceError: `duration_s` is over before that.
-    """
-    begun_s = said_s = time.monotonic()
-    with RosNode("posefuse_fusion_intrinsics", network) as node:
-        intrinsics = NodeIntrinsics(node, rig)
-        while missing := [name for name in rig.names if name not in intrinsics.cameras]:
-            now_s = time.monotonic()
-            if duration_s is not None and now_s - begun_s > duration_s:
-                raise SourceError(
-                    f"intrinsics of {', '.join(missing)} were not received from any camera node within {duration_s:g} s"
-                )
-            if now_s - said_s > _SAY_EVERY_S:
-                said_s = now_s
-                say(f"waiting for the intrinsics of {', '.join(missing)}")
-            node.wait(_WAIT_S)
-            intrinsics.receive()
-    say(f"intrinsics of {', '.join(rig.names)} are those that their nodes work with")
-    return replace(rig, cameras=tuple(intrinsics.cameras[name] for name in rig.names))

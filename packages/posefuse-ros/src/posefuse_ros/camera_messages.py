@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+import json
+from dataclasses import asdict
 from typing import Any
 
 import numpy as np
@@ -10,9 +11,10 @@ import numpy as np
 from posefuse.core import SE3, Camera, ConfigError, Frame, JointCentres, LiveJointCentres, MessageError, PosefuseError
 from posefuse.core.arrays import Array
 from posefuse.core.errors import choices
-from posefuse.foundation.parsing import one_line
+from posefuse.formats.joint_centres import joint_centres_from_mapping
+from posefuse.foundation.parsing import one_line, short
 
-from .messages import header, ns_from_time, optical_frame
+from .messages import STAMPS_NS, header, ns_from_time, optical_frame
 from .types import message, sparse_message
 
 CAMERA_INFO_TYPE = "sensor_msgs/msg/CameraInfo"
@@ -36,18 +38,9 @@ _ENCODINGS = {
     "bayer_gbrg8": (1, "COLOR_BayerGR2RGB"),
     "bayer_grbg8": (1, "COLOR_BayerGB2RGB"),
 }
-JOINT_CENTRES_TYPE = "posefuse_msgs/msg/JointCentres"
-# of each list of names: a table of all joints and segments there are needs a third
-MAX_ENTRIES = 512
-# field of numbers -> where `JointCentres` has them, the fields of their names, least and greatest number
-_TABLES: dict[str, tuple[str, tuple[str, ...], float, float]] = {
-    "offset_m": ("offsets", ("joint", "direction"), -0.5, 0.5),
-    "length_m": ("lengths", ("segment",), 0.001, 3.0),
-    "slope": ("by_length", ("slope_joint", "slope_direction", "slope_segment"), -1.0, 1.0),
-}
-_WHERE = "JointCentres message"
-# what goes over the network where no offsets are known
-_NO_TABLE = JointCentres(made_by="", offsets={})
+JOINT_CENTRES_TYPE = "std_msgs/msg/String"
+MAX_CAMERAS = 512
+_WHERE = "joint centres message"
 
 
 def info_from_camera(camera: Camera, t_ns: int) -> Any:
@@ -145,59 +138,37 @@ def _decompressed(msg: Any) -> Array:
 
 
 def message_from_joint_centres(centres: LiveJointCentres) -> Any:
-    """`posefuse_msgs/JointCentres`; without offsets where there is no table."""
-    table = centres.table or _NO_TABLE
-    fields: dict[str, Any] = {}
-    for field, (part, named, *_) in _TABLES.items():
-        leaves = list(_leaves(getattr(table, part)))
-        fields[field] = np.array([number for _, number in leaves], np.float64)
-        fields |= {name: [names[i] for names, _ in leaves] for i, name in enumerate(named)}
-    of_all = {"header": header(centres.t_ns, ""), "cameras": list(centres.cameras), "made_by": table.made_by}
-    return message(JOINT_CENTRES_TYPE, **of_all, **fields)
+    """`std_msgs/String` with a JSON object: ``t_ns``, ``cameras`` and ``table``, null where no offsets are known."""
+    table = None if centres.table is None else asdict(centres.table)
+    return message(JOINT_CENTRES_TYPE, data=json.dumps({"t_ns": centres.t_ns, "cameras": centres.cameras, "table": table}))
 
 
 def joint_centres_from_message(msg: Any) -> LiveJointCentres:
     """As given to `message_from_joint_centres`; raises MessageError for anything that does not fit."""
-    if not 0 < len(msg.cameras) <= MAX_ENTRIES:
-        raise MessageError(f"{_WHERE}: expected 1 to {MAX_ENTRIES} cameras, got {len(msg.cameras)}")
-    parts = {part: _tree(msg, field) for field, (part, *_) in _TABLES.items()}
     try:
-        known = JointCentres(made_by=msg.made_by, **parts) if parts["offsets"] else None
+        content = json.loads(msg.data)
+        t_ns, cameras, table = (content[name] for name in ("t_ns", "cameras", "table"))
+    except (ValueError, TypeError, KeyError, RecursionError):
+        raise MessageError(f"{_WHERE}: expected a JSON object with t_ns, cameras and table") from None
+    if not isinstance(t_ns, int) or t_ns not in STAMPS_NS:
+        raise MessageError(f"{_WHERE}: t_ns: expected nanoseconds since 1970, got {short(t_ns)}")
+    if not isinstance(cameras, list) or not 0 < len(cameras) <= MAX_CAMERAS or not all(isinstance(one, str) for one in cameras):
+        raise MessageError(f"{_WHERE}: expected the names of 1 to {MAX_CAMERAS} cameras, got {short(cameras)}")
+    return LiveJointCentres(t_ns=t_ns, cameras=tuple(cameras), table=None if table is None else _table(table))
+
+
+def _table(content: Any) -> JointCentres:
+    """The table that was sent; raises MessageError for one that no body has."""
+    try:
+        table = joint_centres_from_mapping(content, _WHERE)
     except ConfigError as error:
-        raise MessageError(f"{_WHERE}: {error}") from None
-    return LiveJointCentres(t_ns=ns_from_time(msg.header.stamp), cameras=tuple(msg.cameras), table=known)
-
-
-def _leaves(tree: Mapping[str, Any]) -> Iterator[tuple[tuple[str, ...], float]]:
-    """(names on the way, number) of every number in nested mappings."""
-    for name, inside in tree.items():
-        if isinstance(inside, Mapping):
-            yield from (((name, *names), number) for names, number in _leaves(inside))
-        else:
-            yield (name,), inside
-
-
-def _tree(msg: Any, field: str) -> dict[str, Any]:
-    """The nested mappings of which `_leaves` gives these numbers of a message.
-
-    Raises:
-        MessageError: lists are not as long as each other or too long, a number does not fit, or names come twice.
-    """
-    _, fields, least, most = _TABLES[field]
-    values, named = np.asarray(getattr(msg, field), np.float64), [getattr(msg, name) for name in fields]
-    counts = {values.size, *map(len, named)}
-    if len(counts) > 1 or values.size > MAX_ENTRIES:
-        raise MessageError(f"{_WHERE}: {field}: expected as many names as numbers, {MAX_ENTRIES} at most, got {sorted(counts)}")
-    wrong = values[~((values >= least) & (values <= most))]
-    if len(wrong):
-        raise MessageError(f"{_WHERE}: {field}: {wrong[0]:g} cannot be")
-    entries = dict(zip(zip(*named, strict=True), values.tolist(), strict=True))
-    if len(entries) < values.size:
-        raise MessageError(f"{_WHERE}: {field}: expected each name once, got one again")
-    tree: dict[str, Any] = {}
-    for (*outer, last), number in entries.items():
-        inside = tree
-        for name in outer:
-            inside = inside.setdefault(name, {})
-        inside[last] = number
-    return tree
+        raise MessageError(str(error)) from None
+    known = table.usual[np.isfinite(table.usual)]
+    for name, values, low, high in (
+        ("offsets", table.metres, -0.5, 0.5),
+        ("lengths", known, 0.001, 3.0),
+        ("by_length", table.slopes, -1.0, 1.0),
+    ):
+        if ((values < low) | (values > high)).any():
+            raise MessageError(f"{_WHERE}: {name}: expected numbers from {low:g} to {high:g}")
+    return table

@@ -8,7 +8,6 @@ their endpoints on ``ros_discovery_info`` (the design document "Node to Particip
 
 from __future__ import annotations
 
-from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any, NamedTuple
@@ -41,25 +40,6 @@ class Sample(NamedTuple):
     raw: bytes
     sent_ns: int
     sender: str = ""
-
-
-class KeptSamples:
-    """The newest messages of one topic that another thread brings, as `Reader` has them."""
-
-    def __init__(self, topic: Topic) -> None:
-        self.topic = topic
-        self._samples: deque[Sample] = deque(maxlen=topic.depth)
-
-    def put(self, raw: bytes, sent_ns: int, sender: str = "") -> None:
-        """Keep one; the oldest makes room for it."""
-        self._samples.append(Sample(raw, sent_ns, sender))
-
-    def take(self) -> list[Sample]:
-        """What has come since the last call, oldest first; does not wait."""
-        found = []
-        while self._samples:
-            found.append(self._samples.popleft())
-        return found
 
 
 class Reader:

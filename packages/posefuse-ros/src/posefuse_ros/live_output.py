@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any, ClassVar, Literal
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -28,7 +28,6 @@ from .camera_messages import info_from_camera, message_from_joint_centres
 from .dds import RosNode
 from .dds_domain import NetworkSettings, require_tested_cyclonedds
 from .messages import diagnostic_status, header, message_from_detections, message_from_names, message_from_pose, optical_frame
-from .rclpy_node import RclpyNode, ros2_is_sourced
 from .ros1 import Ros1Node
 from .ros_output import RosOutput
 from .sim_time import ClockReader
@@ -48,27 +47,17 @@ class Ros2Config(NetworkSettings):
     Attributes:
         detections: publish 2D poses too; not where they came from ROS.
         sim_time: stamps are simulated time, from `/clock` (ROS: `use_sim_time`).
-        middleware: ``auto`` takes rclpy where a ROS 2 environment is sourced and no network option is given, else DDS.
     """
 
     detections: bool = True
     sim_time: bool = False
-    middleware: Literal["auto", "dds", "rclpy"] = "auto"
     takes: ClassVar[tuple[type[LiveMessage], ...]] = _EVERYTHING
     keeps_all: ClassVar[bool] = False
 
     def build(self) -> LiveOutput:
         """Not yet opened; raises DependencyError without the extra `ros`."""
-        if not self._by_rclpy():
-            require_tested_cyclonedds()
-        return RosLiveOutput("ros2", self._node, f"ROS 2 domain {self.domain_id}", self)
-
-    def _by_rclpy(self) -> bool:
-        plain = not (self.local_only or self.interface or self.peers)
-        return self.middleware == "rclpy" or (self.middleware == "auto" and plain and ros2_is_sourced())
-
-    def _node(self) -> Any:
-        return RclpyNode("posefuse", self.domain_id) if self._by_rclpy() else RosNode("posefuse", self.network)
+        require_tested_cyclonedds()
+        return RosLiveOutput("ros2", lambda: RosNode("posefuse", self.network), f"ROS 2 domain {self.domain_id}", self)
 
 
 @settings

@@ -1,4 +1,4 @@
-"""What RViz and Foxglove draw: people as spheres and bones, cameras as pyramids, 2D keypoints over small images."""
+"""What RViz and Foxglove draw: people as spheres and bones, cameras as pyramids."""
 
 from __future__ import annotations
 
@@ -7,11 +7,11 @@ from typing import Any
 
 import numpy as np
 
-from posefuse.core import Detections2D, Kind, Pose3D, Rig
+from posefuse.core import Kind, Pose3D, Rig
 from posefuse.core.arrays import Array
 from posefuse.core.palette import colour_of
 
-from .messages import WORLD, header, point, quaternion, time_from_ns, vector
+from .messages import WORLD, header, point, quaternion, vector
 from .types import message, sparse_message
 
 _LINE_LIST, _SPHERE_LIST, _TEXT = 5, 7, 9
@@ -24,9 +24,6 @@ _PREDICTED_ALPHA = 0.45
 # the height alone counts
 _TEXT_SIZE_M = np.array([0.0, 0.0, _TEXT_M])
 _NO_POINTS = np.zeros(0)
-ANNOTATIONS_TYPE = "foxglove_msgs/msg/ImageAnnotations"
-_POINTS, _LINES_2D = 1, 4
-_POINT_PX, _LINE_PX = 5.0, 1.5
 
 
 @lru_cache(maxsize=16)
@@ -108,35 +105,3 @@ def _marker(
 
 def _colour(r: float, g: float, b: float, a: float) -> Any:
     return message("std_msgs/msg/ColorRGBA", r=r, g=g, b=b, a=a)
-
-
-def annotations_of_view(view: Detections2D, size_wh: tuple[int, int], of_wh: tuple[int, int]) -> Any:
-    """`ImageAnnotations` of all people of a view, whose images are `of_wh` px, over an image of `size_wh` px."""
-    colours = [_rgba(*rgb) for rgb in side_colours(view.skeleton.keypoints).tolist()]
-    scale, bones = np.array(size_wh) / np.array(of_wh), view.skeleton.bone_indices
-    drawn = []
-    for xy_img, score in zip(view.xy_img, view.score, strict=True):
-        # the centre of the first pixel is 0, 0 for us and 0.5, 0.5 there
-        xy = (xy_img + 0.5) * scale
-        seen = score > 0
-        ends = bones[seen[bones].all(axis=-1)]
-        drawn.append(_points_2d(view.t_ns, _LINES_2D, xy[ends.ravel()], [colours[i] for i in ends[:, 0]], _LINE_PX))
-        drawn.append(_points_2d(view.t_ns, _POINTS, xy[seen], [colours[i] for i in np.flatnonzero(seen)], _POINT_PX))
-    return message(ANNOTATIONS_TYPE, circles=[], points=drawn, texts=[])
-
-
-def _points_2d(t_ns: int, kind: int, xy: Any, colours: list[Any], thickness_px: float) -> Any:
-    return message(
-        "foxglove_msgs/msg/PointsAnnotation",
-        timestamp=time_from_ns(t_ns),
-        type=kind,
-        points=[message("foxglove_msgs/msg/Point2", x=x, y=y) for x, y in xy.tolist()],
-        outline_color=_rgba(1.0, 1.0, 1.0),
-        outline_colors=colours,
-        fill_color=_rgba(1.0, 1.0, 1.0),
-        thickness=thickness_px,
-    )
-
-
-def _rgba(r: float, g: float, b: float) -> Any:
-    return message("foxglove_msgs/msg/Color", r=r, g=g, b=b, a=1.0)

@@ -45,7 +45,6 @@ from .bags import Recorder
 from .dds import RosNode
 from .dds_domain import NetworkSettings
 from .live_output import publish
-from .markers import annotations_of_view
 from .messages import message_from_detections, time_from_ns
 from .ros_output import RosOutput, ShownTimes
 from .sim_time import ClockReader, SimulatedClock
@@ -141,7 +140,7 @@ SUFFIX = ".mcap"
 _LEAST_FREE_BYTES = 4 * 2**20
 _TAKES = (LiveDetections, LivePose, LiveJointCentres, LiveNames, LiveHealth)
 # topics of a body that follow from others
-_NOT_RECORDED = frozenset(topics.BODY_PARTS) - {"joint_states", "joint_angles", "urdf"}
+_NOT_RECORDED = frozenset(topics.BODY_PARTS) - {"joint_states", "joint_angles"}
 
 
 def keep_clock(recorder: topics.Outlet, clock: SimulatedClock, t_ns: int) -> None:
@@ -175,7 +174,7 @@ class RecordConfig(NetworkSettings):
     Attributes:
         path: the file, whose name ends in .mcap; must not exist.
         spare: folder in which recording continues where that of `path` is gone or full; None waits until it can be written.
-        images: record the cameras' small images, too, with the 2D keypoints to draw over them.
+        images: record the cameras' small images, too.
         sim_time: cameras are stamped in simulated time: with every pose `/clock` is kept, as it was then.
     """
 
@@ -211,7 +210,6 @@ class RecordOutput:
         self._node: Any = None
         self._clock: Any = None
         self._shown = ShownTimes()
-        self._views: dict[str, Detections2D] = {}
         # whether the session got as far as a view or a pose
         self._filled = False
 
@@ -226,16 +224,14 @@ class RecordOutput:
             case LiveStart():
                 self._open(message)
                 return
-            case LiveDetections(detections=view):
-                self._filled, self._views[view.camera] = True, view
+            case LiveDetections():
+                self._filled = True
             case LivePose(pose=Pose3D(t_ns=t_ns)):
                 self._filled, self._recorder.shown = True, self._shown.due(t_ns)
                 if self._clock is not None:
                     self._clock.update()
                     keep_clock(self._recorder, self._clock.clock, t_ns)
         publish(self._ros, message)
-        if isinstance(message, LivePreview):
-            self._annotate(message)
 
     def close(self) -> None:
         """Finish the file."""
@@ -245,13 +241,6 @@ class RecordOutput:
             self._recorder.close()
             if not self._filled:
                 self._recorder.path.unlink(missing_ok=True)
-
-    def _annotate(self, preview: LivePreview) -> None:
-        """2D keypoints over a small image, of the same time."""
-        view = self._views.get(preview.camera)
-        if view is not None and view.t_ns == preview.t_ns:
-            msg = annotations_of_view(view, preview.size_wh, self._ros.rig[preview.camera].size_wh)
-            self._recorder.publish(topics.preview_annotations(preview.camera), msg, preview.t_ns)
 
     def _part(self, part: int) -> _SessionRecorder:
         path, spare = self._config.path, self._config.spare

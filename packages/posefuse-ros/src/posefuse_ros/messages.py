@@ -1,6 +1,6 @@
 """Messages about people, as pure functions: 2D and 3D poses and names, there and back, in layouts of `msg/posefuse_msgs`;
 
-and in standard types of ROS transforms, poses, twists, joint states and boxes.
+and in standard types of ROS transforms, poses, twists and joint states.
 """
 
 from __future__ import annotations
@@ -12,10 +12,9 @@ from typing import Any
 
 import numpy as np
 
-from posefuse.core import SE3, SKELETONS, Camera, Detections2D, JointAngles, Kind, MessageError, Pose3D, PosefuseError, Skeleton
+from posefuse.core import SE3, SKELETONS, Detections2D, JointAngles, Kind, MessageError, Pose3D, PosefuseError, Skeleton
 from posefuse.core.arrays import Array
 from posefuse.core.joint_angles import angle_labels
-from posefuse.core.skeleton import pick_keypoints
 from posefuse.health.camera_monitor import CameraState
 
 from .bodies import JOINTS
@@ -32,7 +31,8 @@ MAX_KEYPOINTS = 512
 # 1000 frames a second for a year
 MAX_FRAMES = 2**35
 _NS = 1_000_000_000
-_MIN_NS, _MAX_NS = -(2**31) * _NS, 2**31 * _NS - 1
+# what a ROS stamp holds, 1901 to 2038
+STAMPS_NS = range(-(2**31) * _NS, 2**31 * _NS)
 _UPPER = np.triu_indices(3)
 NAMES_TYPE = "std_msgs/msg/String"
 # field of a message -> the array of the value, and its axes
@@ -57,8 +57,8 @@ _OPTIONAL = frozenset({"clothing_lab", "depth_m"})
 
 def time_from_ns(t_ns: int) -> Any:
     """A `builtin_interfaces/Time`; raises MessageError outside the years it can hold (1901 to 2038)."""
-    if not _MIN_NS <= t_ns <= _MAX_NS:
-        raise MessageError(f"time: a ROS stamp holds {_MIN_NS} to {_MAX_NS} ns, got {t_ns}")
+    if t_ns not in STAMPS_NS:
+        raise MessageError(f"time: a ROS stamp holds {STAMPS_NS[0]} to {STAMPS_NS[-1]} ns, got {t_ns}")
     return message("builtin_interfaces/msg/Time", sec=t_ns // _NS, nanosec=t_ns % _NS)
 
 
@@ -258,14 +258,6 @@ def names_from_message(msg: Any) -> dict[int, str]:
     return found
 
 
-# hri_msgs/Skeleton2D: order of OpenPose's COCO model
-_SKELETON2D = (
-    "nose", "neck", "right_shoulder", "right_elbow", "right_wrist", "left_shoulder", "left_elbow", "left_wrist",
-    "right_hip", "right_knee", "right_ankle", "left_hip", "left_knee", "left_ankle", "left_eye", "right_eye",
-    "left_ear", "right_ear",
-)  # fmt: skip
-
-
 def transform(t_ns: int, parent: str, child: str, parent_from_child: SE3) -> Any:
     """`geometry_msgs/TransformStamped`: where `child` is in `parent`."""
     return _transform(header(t_ns, parent), child, parent_from_child.wxyz.tolist(), parent_from_child.xyz.tolist())
@@ -325,42 +317,6 @@ def joint_state(one: str, position_rad: Array, velocity_rad_s: Array, t_ns: int)
         velocity=np.nan_to_num(velocity_rad_s[seen]),
         effort=np.zeros(0),
     )
-
-
-def keypoints_seen(pose: Pose3D, n: int, camera: Camera) -> tuple[Array, Array]:
-    """Pixels (18, 2) of person n in the order of `hri_msgs/Skeleton2D`, and which of them are inside the image."""
-    xyz = pick_keypoints(pose.xyz_world[n], pose.skeleton, _SKELETON2D)
-    # what is sent is from 0 to 1, between the centres of the first and the last pixels
-    return np.clip(camera.project(xyz), 0.0, _last_px(camera)), camera.sees(xyz)
-
-
-def skeleton2d(xy_img: Array, inside: Array, camera: Camera, t_ns: int) -> Any:
-    """`hri_msgs/Skeleton2D`, coordinates in 0..1."""
-    points = [
-        message(
-            "hri_msgs/msg/NormalizedPointOfInterest2D",
-            x=float(x) if seen else 0.0,
-            y=float(y) if seen else 0.0,
-            c=float(seen),
-        )
-        for (x, y), seen in zip(xy_img / _last_px(camera), inside, strict=True)
-    ]
-    return message("hri_msgs/msg/Skeleton2D", header=header(t_ns, optical_frame(camera.name)), skeleton=points)
-
-
-def region_of_interest(xy_img: Array, camera: Camera, t_ns: int) -> Any:
-    """`hri_msgs/NormalizedRegionOfInterest2D`: smallest box around points (n, 2) inside the image; empty, c = 0, for none."""
-    corners = np.concatenate([xy_img.min(axis=0), xy_img.max(axis=0)]) if len(xy_img) else np.zeros(4)
-    left, top, right, bottom = (corners / np.tile(_last_px(camera), 2)).tolist()
-    return message(
-        "hri_msgs/msg/NormalizedRegionOfInterest2D",
-        header=header(t_ns, optical_frame(camera.name)),
-        xmin=left, ymin=top, xmax=right, ymax=bottom, c=float(len(xy_img) > 0),
-    )  # fmt: skip
-
-
-def _last_px(camera: Camera) -> Array:
-    return np.array(camera.size_wh) - 1.0
 
 
 def _pose(pose: SE3) -> Any:

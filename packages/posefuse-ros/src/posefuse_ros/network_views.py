@@ -39,10 +39,9 @@ _MOST_REASONS = 100
 
 @dataclass
 class _Camera:
-    """Who sends a camera's views now, and when the newest came."""
+    """Who sends a camera's views now, and whether its stamps are those of a clock that is set."""
 
     sender: str
-    received_ns: int
     believable: bool
 
 
@@ -61,7 +60,7 @@ class Senders:
     Who sends a camera's views first keeps the camera, also while it pauses, until it has left the network.
 
     Args:
-        cameras: of the rig. hand_over_s: a sender that is silent for so long makes room for another; None: never.
+        cameras: of the rig.
 
     Attributes:
         skeleton: of the session; None until enough views have come.
@@ -70,9 +69,8 @@ class Senders:
         present: the senders on the network; None while that is not known.
     """
 
-    def __init__(self, cameras: tuple[str, ...], hand_over_s: float | None = None) -> None:
+    def __init__(self, cameras: tuple[str, ...]) -> None:
         self.present: set[str] | None = None
-        self._hand_over_s = hand_over_s
         self.skeleton: Skeleton | None = None
         self.refused: Counter[str] = Counter()
         self.strangers: Counter[str] = Counter()
@@ -131,19 +129,14 @@ class Senders:
             return f"camera {name}: views have the skeleton {theirs}, this session has {ours}: not used"
         believable = abs(view.t_ns - now_ns) < _BELIEVABLE_NS
         now = self._cameras.get(name)
-        taken = now is not None and now.sender != sender and not self._is_free(now, now_ns)
+        gone = now is not None and self.present is not None and now.sender not in self.present
+        taken = now is not None and now.sender != sender and not gone
         if taken and now is not None and (now.believable or not believable):
             return f"camera {name}: views of a second sender ({sender}) are not used, the camera is that of {now.sender}"
-        self._cameras[name] = _Camera(sender, now_ns, believable)
+        self._cameras[name] = _Camera(sender, believable)
         if self.present is not None:
             self.present.add(sender)
         return None
-
-    def _is_free(self, camera: _Camera, now_ns: int) -> bool:
-        """Whether its sender is gone, or silent for so long that it makes room."""
-        if self.present is not None and camera.sender not in self.present:
-            return True
-        return self._hand_over_s is not None and now_ns - camera.received_ns > self._hand_over_s * _S
 
     def _vote(self, view: Detections2D, now_ns: int) -> None:
         """The skeleton of most cameras becomes the session's: when half of them have sent, or half a second after the first."""
@@ -181,9 +174,9 @@ class ViewIntake:
         intake: counts what came and what could not be read, and why. senders: decides what is used, and counts the rest.
     """
 
-    def __init__(self, cameras: tuple[str, ...], hand_over_s: float | None = None) -> None:
+    def __init__(self, cameras: tuple[str, ...]) -> None:
         self.intake = Intake(DETECTIONS_TYPE, lambda msg: (detections_from_message(msg), state_from_message(msg)), _MAX_BYTES)
-        self.senders = Senders(cameras, hand_over_s)
+        self.senders = Senders(cameras)
         self._centres_intake = Intake(JOINT_CENTRES_TYPE, joint_centres_from_message, _MAX_BYTES, self.intake.counts)
         # joint centres reported by the nodes, by sender
         self._centres: dict[str, LiveJointCentres] = {}
@@ -271,7 +264,7 @@ class NetworkViews(Closing, ViewSource):
         duration_s: float | None = None,
         say: Say = lambda line: None,
     ) -> None:
-        self.views = ViewIntake(rig.names, config.hand_over_s)
+        self.views = ViewIntake(rig.names)
         self._rig, self._clock, self._config, self._duration_s, self._say = rig, clock, config, duration_s, say
         self._begun_ns = clock.now_ns()
         self._node = RosNode("posefuse_fusion_intake", network)

@@ -20,7 +20,7 @@ from posefuse.foundation.parsing import ros_name
 from posefuse.foundation.summary import Facts, Heading
 from posefuse.health.camera_monitor import Monitor
 from posefuse.realtime.fusion_loop import velocity_between
-from posefuse.realtime.inputs import check_any, rig_of_inputs
+from posefuse.realtime.inputs import check_any, compare_rig
 from posefuse.realtime.messages import Expected, SeenView, SessionClock, Status
 from posefuse.realtime.networks import fetch_networks, settled_network
 from posefuse.realtime.notices import never_waiting
@@ -28,7 +28,7 @@ from posefuse.realtime.processes import Groups
 from posefuse.realtime.session import group_plans, run_session, stop_requests
 
 from . import topics
-from .camera_info import publish_intrinsics, rig_of_nodes
+from .camera_info import publish_intrinsics
 from .camera_messages import message_from_joint_centres
 from .dds import RosNode
 from .dds_domain import network_of
@@ -144,13 +144,14 @@ def camera_node(
     check_any(whole.inputs)
     with shown(progress) as news:
         say = lines_of(news, "live")
-        cameras = rig_of_inputs(whole.rig, whole.inputs, whole.config.camera_info, say)
+        cameras = whole.rig
+        compare_rig(cameras, whole.inputs, say)
         fetch_networks(whole.config.detector, news)
         # all nodes of a session need the same keypoints
         detector = settled_network(whole.config.detector, len(whole.inputs), say, tuple(reversed(BLAZEPOSE)))
         chosen = replace(whole.config, detector=detector)
         clock = SessionClock.begin()
-        plan = replace(whole, rig=cameras, config=chosen, outputs={"ros2": Ros2Config()})
+        plan = replace(whole, config=chosen, outputs={"ros2": Ros2Config()})
         names = [entry.camera for entry in whole.inputs]
         with (
             RosNode(f"posefuse_cameras_{ros_name(name)}", network_of(ros)) as node,
@@ -200,13 +201,11 @@ def fusion_node(
     cameras, chosen, network = given.rig, given.config, network_of(ros)
     with shown(progress) as news:
         note = lines_of(news, "live")
-        if chosen.camera_info == "use":
-            cameras = rig_of_nodes(cameras, network, note, given.duration_s)
         clock = SessionClock.begin()
         note(f"waiting for views of {', '.join(cameras.names)} in domain {network.domain_id}")
         with never_waiting(note) as say:
             views = NetworkViews(cameras, network, clock, chosen, duration_s=given.duration_s, say=say)
-            done = run_session(replace(given, rig=cameras), clock, lambda: views, say, remote=True)
+            done = run_session(given, clock, lambda: views, say, remote=True)
     counts, senders = views.views.intake.counts, views.views.senders
     offset_s = done.fusion.watch.known.offset_s if done.fusion.watch is not None else {}
     offsets_ms = {camera: 1000 * offset_s.get(camera, float("nan")) for camera in cameras.names}

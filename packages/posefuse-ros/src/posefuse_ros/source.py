@@ -11,7 +11,7 @@ from posefuse.core.errors import choices
 from posefuse.core.ideal_image import has_lens
 from posefuse.foundation.parsing import ros_name
 
-from .camera_info import RigLens, rig_after_camera_infos
+from .camera_info import RigLens, compare_camera_infos
 from .camera_messages import COMPRESSED_TYPE, IMAGE_TYPE, frame_from_message
 from .dds import RosNode
 from .dds_domain import NetworkSettings
@@ -33,7 +33,6 @@ class RosConfig(NetworkSettings):
     Attributes:
         topic: e.g. ``/camera1/image_raw``; one that ends in ``/compressed`` holds `CompressedImage`.
         camera: name of the camera in the rig.
-        offset_s: added to all times: session clock minus Unix epoch.
         wait_s: how long the first image may take.
         sim_time: stamps are simulated time; `/clock` relates them to this machine's clock (ROS: `use_sim_time`).
         lens: the rig's camera; images of an ideal camera, as simulators draw them, get its lens (`camera_info`).
@@ -41,12 +40,11 @@ class RosConfig(NetworkSettings):
 
     topic: str
     camera: str
-    offset_s: float = 0.0
     wait_s: float = 10.0
     sim_time: bool = False
     lens: Camera | None = None
 
-    checked_rig = staticmethod(rig_after_camera_infos)
+    compare_rig = staticmethod(compare_camera_infos)
 
     def build(self) -> RosSource:
         """Subscribe and wait for the first image; raises SourceError that lists what is there when none arrives."""
@@ -69,7 +67,7 @@ class RosSource:
         self._lens = RigLens(config.lens) if config.lens is not None and has_lens(config.lens) else None
         self._closed = False
         # the session's clock does not jump when this machine's is set
-        self._session_from_monotonic_ns = time.time_ns() - time.monotonic_ns() + self._offset_ns
+        self._session_from_monotonic_ns = time.time_ns() - time.monotonic_ns()
         self._node = RosNode(f"posefuse/source_{ros_name(config.camera)}", config.network)
         self._sim_time = ClockReader(self._node) if config.sim_time else None
         type_name = COMPRESSED_TYPE if config.topic.endswith("/compressed") else IMAGE_TYPE
@@ -133,14 +131,10 @@ class RosSource:
 
     def _session_ns(self, stamp_ns: int) -> int:
         if self._sim_time is None:
-            return stamp_ns + self._offset_ns
+            return stamp_ns
         if not self._sim_time.clock.known:
             raise SourceError(f"topic {self._topic.name}: simulated time is wanted, but nothing came on {CLOCK.name} yet")
-        return self._sim_time.clock.real_from_sim(stamp_ns) + self._offset_ns
-
-    @property
-    def _offset_ns(self) -> int:
-        return round(self._config.offset_s * 1e9)
+        return self._sim_time.clock.real_from_sim(stamp_ns)
 
     def _nothing_came(self) -> str:
         where, found = (

@@ -10,7 +10,6 @@ from posefuse.foundation.parsing import ros_name
 
 from . import camera_messages, messages
 from .bodies import PARTS
-from .markers import ANNOTATIONS_TYPE
 from .messages import NAMES_TYPE
 
 
@@ -88,11 +87,6 @@ def preview_info(camera: str) -> Topic:
     return Topic(f"/posefuse/{ros_name(camera)}/preview/camera_info", camera_messages.CAMERA_INFO_TYPE, depth=1, reliable=False)
 
 
-def preview_annotations(camera: str) -> Topic:
-    """2D keypoints over the small images."""
-    return Topic(f"/posefuse/{ros_name(camera)}/preview/annotations", ANNOTATIONS_TYPE, depth=1, reliable=False)
-
-
 # of head, wrists and hands
 PART_TOPICS = {
     "pose": "geometry_msgs/msg/PoseStamped",
@@ -104,12 +98,9 @@ OF_PARTS = {f"{part}/{name}": type_name for part in PARTS for name, type_name in
 # what each body has a topic of
 BODY_PARTS = {
     "joint_states": "sensor_msgs/msg/JointState",
-    "skeleton2d": "hri_msgs/msg/Skeleton2D",
-    "roi": "hri_msgs/msg/NormalizedRegionOfInterest2D",
     "joint_angles": messages.JOINT_ANGLES_TYPE,
     "position": "geometry_msgs/msg/PointStamped",
     "velocity": "geometry_msgs/msg/TwistStamped",
-    "urdf": "std_msgs/msg/String",
     **OF_PARTS,
 }
 
@@ -117,5 +108,4 @@ BODY_PARTS = {
 @lru_cache(maxsize=1024)
 def body(body_id: str, part: str) -> Topic:
     """A topic of one body; `part` is one of `BODY_PARTS`."""
-    name, latched = f"/humans/bodies/{body_id}/{part}", part == "urdf"
-    return Topic(name, BODY_PARTS[part], depth=1 if latched else 4, latched=latched)
+    return Topic(f"/humans/bodies/{body_id}/{part}", BODY_PARTS[part], depth=4)

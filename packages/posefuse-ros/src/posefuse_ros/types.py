@@ -45,8 +45,6 @@ def ros2_types() -> Typestore:
 def ros1_types() -> Typestore:
     """ROS 1 (Noetic) types with ours added."""
     texts = ours() | {"tf2_msgs/msg/TFMessage": "geometry_msgs/TransformStamped[] transforms"}
-    # where ROS 1 had a list, its hri_msgs differ
-    texts["hri_msgs/msg/Skeleton2D"] = texts["hri_msgs/msg/Skeleton2D"].replace("[18] skeleton", "[] skeleton")
     return _store("ROS1_NOETIC", texts)
 
 

@@ -27,10 +27,7 @@ def teleoperate(
     frames: Sequence[str] | None = None,
     command: str | None = None,
     ros: RosPlan | None = None,
-    emergency_stop: bool = False,
     view: bool = False,
-    show: str | Path | None = None,
-    scene: str | None = None,
     record: str | Path | None = None,
     watch: Callable[[Operator, Order | None], None] | None = None,
     progress: Progress | bool | None = None,
@@ -39,15 +36,13 @@ def teleoperate(
 
     Args:
         session: from `posefuse.live`, not yet begun.
-        deadman: ``key``, ``joystick:DEVICE``, ``ros:/TOPIC``, ``web``, ``web:PORT``, ``gesture``, or a switch of your own.
+        deadman: ``key``, ``joystick:DEVICE``, ``ros:/TOPIC``, ``web``, ``web:PORT``, or a switch of your own.
         settings: hands, mapping, gate, limits, separation, robot.
         robot: ``sim``, our own in MuJoCo, or an MJCF file. frames: its sites, one per hand; default ``right_hand`` ...
-        command: None drives the robot in MuJoCo; ``pose``, ``twist`` or ``joints`` drives one over `ros`. A dead-man's switch
+        command: None drives the robot in MuJoCo; ``pose`` or ``joints`` drives one over `ros`. A dead-man's switch
             ``ros:/TOPIC`` is there, too; without `ros` where the session has ROS.
-        emergency_stop: there is one within reach; needed for a gesture that moves a robot over ROS.
-        view: open MuJoCo's viewer. show: operator, robot, workspace and keep-out in Rerun: ``spawn`` opens its viewer, anything
-            else is the .rrd file to write (extra ``viewer``).
-        scene: MJCF text instead of a file. record: .mcap of commands and states of the robot.
+        view: open MuJoCo's viewer.
+        record: .mcap of commands and states of the robot.
         watch: is shown the operator's side and the order after every step.
 
     Raises:
@@ -58,6 +53,7 @@ def teleoperate(
         >>> session = pf.live("rig.toml", {"cam1": "usb:0", "cam2": "usb:1"})  # doctest: +SKIP
         >>> pf.teleoperate(session, deadman="web", robot="sim").engagements  # doctest: +SKIP
     """
+    from posefuse.foundation.output_file import check_output_file
     from posefuse.realtime.session import stop_requests
     from posefuse_teleop.process import RobotLink, RobotPlan
     from posefuse_teleop.session import run_control_loop
@@ -67,7 +63,8 @@ def teleoperate(
     settings = settings or TeleoperationSettings()
     sites = tuple(frames) if frames else tuple(f"{side}_hand" for side in settings.hands)
     _check(settings, command, sites)
-    _check_files(record=record, show=None if show == "spawn" else show)
+    if record is not None:
+        check_output_file(Path(record), option="record")
     plan = RobotPlan(
         settings=settings,
         model=None if str(robot) == "sim" else Path(robot),
@@ -76,21 +73,11 @@ def teleoperate(
         ros=ros,
         record=Path(record).absolute() if record is not None else None,
         view=view,
-        scene=scene,
     )
     with ExitStack() as stack:
-        switch = open_deadman(
-            deadman, gesture_allowed=command is None or emergency_stop, ros=lambda: ros or RosPlan.listening(session.ros)
-        )
+        switch = open_deadman(deadman, ros=lambda: ros or RosPlan.listening(session.ros))
         stack.callback(switch.close)
         session.ros_used_elsewhere = ros is not None or str(deadman).startswith("ros:")
-        watches = [] if watch is None else [watch]
-        if show is not None:
-            from posefuse_teleop.scene_view import SceneView
-
-            scene_view = SceneView(settings, str(show))
-            stack.callback(scene_view.close)
-            watches.append(scene_view)
         link = RobotLink(plan)
         stack.callback(link.close)
         link.wait_ready()
@@ -98,19 +85,11 @@ def teleoperate(
         with shown(progress) as report:
             report("teleoperation", 0, None, switch.hint)
         with stop_requests() as stopped:
-            summary = run_control_loop(session, switch, link, settings, watches=watches, stopped=stopped)
+            summary = run_control_loop(session, switch, link, settings, watch=watch, stopped=stopped)
             stack.close()
     outputs = [f"{name}: {output.fault}" for name, output in session.outputs.items() if output.failures]
     summary.fault = "; ".join(filter(None, [summary.fault or link.trouble, *outputs]))
     return summary
-
-
-def _check_files(**places: str | Path | None) -> None:
-    from posefuse.foundation.output_file import check_output_file
-
-    for option, place in places.items():
-        if place is not None:
-            check_output_file(Path(place), option=option)
 
 
 def _check(settings: TeleoperationSettings, command: str | None, sites: Sequence[str]) -> None:
@@ -118,8 +97,8 @@ def _check(settings: TeleoperationSettings, command: str | None, sites: Sequence
         raise ConfigError(f"hands: expected left, right or both, each once, got {settings.hands}")
     if len(sites) != len(settings.hands):
         raise ConfigError(f"frames: expected one per hand ({', '.join(settings.hands)}), got {len(sites)}")
-    if command not in (None, "pose", "twist", "joints"):
-        raise ConfigError(f"command: expected pose, twist or joints, got {command!r}")
+    if command not in (None, "pose", "joints"):
+        raise ConfigError(f"command: expected pose or joints, got {command!r}")
     if any(low >= high for low, high in zip(settings.limits.box_low_m, settings.limits.box_high_m, strict=True)):
         raise ConfigError("limits.box_low_m: expected each coordinate below that of box_high_m")
     if settings.separation.stop_m >= settings.separation.slow_m:

@@ -59,25 +59,20 @@ class RobotOptions(NamedSettings):
 
     Attributes:
         hand: The hand that the robot follows; both move a robot with two arms (default right).
-        deadman: key (space bar), joystick:/dev/input/js0, ros:/joy, web[:PORT] (a page with a button), gesture (the other hand
-            raised).
-        i_have_an_emergency_stop: An emergency stop of the robot is within reach: lets a gesture move a robot over ROS.
+        deadman: key (space bar), joystick:/dev/input/js0, ros:/joy, web[:PORT] (a page with a button).
         robot: Our own mobile manipulator, or an MJCF model with position actuators.
-        frame: Site (with --command pose or twist: tf frame) of the end effector, one per hand (default right_hand, left_hand).
+        frame: Site (with --command pose: tf frame) of the end effector, one per hand (default right_hand, left_hand).
         robot_at: Where the robot's base frame stands in the world of the rig, m and degrees (default 0,0,0).
         elsewhere: The robot is not in the operator's room: no separation is kept. Wrong for a robot that any person can reach.
         box: Corners of the workspace of the end effector, world axes, m (default -10,-10,0.05,10,10,2).
         speed: Speed limit of the end effector, m/s (default 0.5).
         limits: All settings of teleoperation, see docs/teleoperation.md; an option that is given overrides the file.
         view: Open MuJoCo's viewer.
-        view_scene: Show operator, robot, workspace and keep-out in the Rerun viewer (extra: viewer).
-        view_file: Write what that viewer would show to a file.
         record: Record views and poses; the robot's commands and states go to FILE.robot.mcap.
     """
 
     hand: Annotated[Literal["right", "left", "both"] | None, Parameter(group=HAND)] = None
     deadman: Annotated[str, Parameter(metavar="SWITCH", group=HAND)] = "key"
-    i_have_an_emergency_stop: Annotated[bool, Parameter(group=HAND)] = False
     robot: Annotated[str, Parameter(metavar="sim|FILE.xml")] = "sim"
     frame: Annotated[tuple[str, ...], Parameter(metavar="SITE")] = ()
     robot_at: Annotated[tuple[float, float, float] | None, Place] = None
@@ -86,8 +81,6 @@ class RobotOptions(NamedSettings):
     speed: Annotated[float | None, Parameter(metavar="M/S"), positive(2)] = None
     limits: Annotated[Path | None, Parameter(metavar="FILE.toml")] = None
     view: bool = False
-    view_scene: bool = False
-    view_file: Annotated[Path | None, Parameter(metavar="FILE.rrd")] = None
     record: Annotated[Path | None, Parameter(metavar="FILE.mcap", group=OUTPUTS)] = None
 
     @property
@@ -114,17 +107,15 @@ class RosRobotOptions:
 
     Attributes:
         ros: Publish state, target, box and keep-out in ROS 2; with --command, drive a robot.
-        ros1: The same in ROS 1, at the master of ROS_MASTER_URI; the mobile base takes Twist.
-        command: What the robot is sent: target poses, velocities, or joints by our own inverse kinematics (--robot FILE.xml).
+        command: What the robot is sent: target poses, or joints by our own inverse kinematics (--robot FILE.xml).
         base_frame: tf frame that commands are given in.
-        controller: Topic of joints: trajectory_msgs/JointTrajectory, or std_msgs/Float64MultiArray where it ends in /commands.
+        controller: Topic of joints (trajectory_msgs/JointTrajectory).
         cmd_vel: Topic of the mobile base.
         cmd_vel_twist: The mobile base takes Twist (ROS 2 Humble and older), not TwistStamped.
     """
 
     ros: bool = False
-    ros1: bool = False
-    command: Literal["pose", "twist", "joints"] | None = None
+    command: Literal["pose", "joints"] | None = None
     base_frame: Annotated[str, Parameter(metavar="FRAME")] = RosPlan.base_frame
     controller: Annotated[str, Parameter(metavar="TOPIC")] = RosPlan.controller
     cmd_vel: Annotated[str, Parameter(metavar="TOPIC")] = ""
@@ -159,17 +150,15 @@ def teleoperate(
     """
     from posefuse.pipeline.config import read_changed
 
-    wanted = ros.ros or ros.ros1
     _check_used(robot, ros)
     if not source:
         raise ConfigError("--source: expected one per camera, e.g. --source cam1=usb:0, or --source sim:SCENE.yaml")
     plan = RosPlan(
-        version=1 if ros.ros1 else 2,
-        network=package_of_extra("posefuse_ros.dds_domain", "ros").Network(**ros_2.network) if wanted else None,
+        network=package_of_extra("posefuse_ros.dds_domain", "ros").Network(**ros_2.network) if ros.ros else None,
         base_frame=ros.base_frame,
         controller=ros.controller,
         cmd_vel=ros.cmd_vel,
-        stamped=not (ros.cmd_vel_twist or ros.ros1),
+        stamped=not ros.cmd_vel_twist,
     )
     with terminal.stages() as report:
         session = pf.live(
@@ -190,10 +179,8 @@ def teleoperate(
             robot=robot.robot,
             frames=robot.frame,
             command=ros.command,
-            ros=plan if wanted else None,
-            emergency_stop=robot.i_have_an_emergency_stop,
+            ros=plan if ros.ros else None,
             view=robot.view,
-            show=robot.view_file.absolute() if robot.view_file else "spawn" if robot.view_scene else None,
             record=robot.record.with_suffix(".robot.mcap") if robot.record else None,
             watch=_News(terminal),
             progress=report,
@@ -204,20 +191,18 @@ def teleoperate(
 
 def _check_used(robot: RobotOptions, ros: RosRobotOptions) -> None:
     """Raise ConfigError for an option that nothing takes."""
-    wanted, joints = ros.ros or ros.ros1, ros.command == "joints"
+    joints = ros.command == "joints"
     check_used(
         [
-            ("--command", ros.command, wanted, "needs --ros or --ros1"),
+            ("--command", ros.command, ros.ros, "needs --ros"),
             ("--controller", ros.controller != RosPlan.controller, joints, "needs --command joints"),
             ("--cmd-vel", ros.cmd_vel, joints, "needs --command joints"),
             ("--cmd-vel-twist", ros.cmd_vel_twist, ros.cmd_vel, "needs --cmd-vel TOPIC"),
             ("--base-frame", ros.base_frame != RosPlan.base_frame, ros.command, "needs --command"),
             ("--robot", robot.robot != "sim", joints or not ros.command, f"--command {ros.command} knows no model of the robot"),
-            ("--view", robot.view, not ros.command, "shows the simulated robot; --view-scene shows the one of --command"),
+            ("--view", robot.view, not ros.command, "shows the simulated robot; RViz shows the one of --command"),
         ]
     )
-    if ros.ros and ros.ros1:
-        raise ConfigError("--ros --ros1: expected one of them")
 
 
 class _News:

@@ -66,7 +66,6 @@ def operator_view(
         body_xyz_world=body[:, :3],
         body_sigma_m=body[:, 3],
         body_measured=body[:, 4] > 0.99,
-        gesture=len(hands) == 1 and _raised(xyz, names, "left" if hands[0] == "right" else "right"),
     )
 
 
@@ -79,8 +78,3 @@ def _forearms(joints: JointAngles | None, person_id: int, hands: tuple[str, ...]
         frame: SE3 = joints.world_from_segment[-1, n, joints.segments.index(f"{side}_forearm")]
         frames[h] = frame.matrix()
     return frames
-
-
-def _raised(xyz: Array, names: tuple[str, ...], side: str) -> bool:
-    """Wrist above its shoulder; False where either is missing."""
-    return bool(xyz[names.index(f"{side}_wrist"), 2] > xyz[names.index(f"{side}_shoulder"), 2])

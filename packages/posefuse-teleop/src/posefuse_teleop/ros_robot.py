@@ -1,19 +1,18 @@
-"""A real robot over ROS 2 or ROS 1: the same limited motion as messages of usual controllers.
+"""A real robot over ROS 2: the same limited motion as messages of usual controllers.
 
 | command | message | for |
 |---|---|---|
 | pose | geometry_msgs/PoseStamped | Cartesian controllers, MoveIt Servo (``pose_target_cmds``) |
-| twist | geometry_msgs/TwistStamped | MoveIt Servo (``delta_twist_cmds``) |
-| joints | trajectory_msgs/JointTrajectory or std_msgs/Float64MultiArray; cmd_vel of a base | our own inverse kinematics |
+| joints | trajectory_msgs/JointTrajectory; cmd_vel of a base | our own inverse kinematics |
 
-Where the robot is comes from ``/joint_states`` (joints) or ``/tf`` (pose, twist). While it is not known, or not where it was
+Where the robot is comes from ``/joint_states`` (joints) or ``/tf`` (pose). While it is not known, or not where it was
 commanded, the robot has a fault.
 """
 
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Collection, Sequence
 from contextlib import ExitStack, suppress
 from itertools import pairwise
 from pathlib import Path
@@ -90,15 +89,11 @@ class Frames:
 
 
 JOINT_STATES = "/joint_states"
-# what controllers of ros2_control take: positions at once, or a path that ends at rest
-_POSITIONS, _TRAJECTORY = "std_msgs/msg/Float64MultiArray", "trajectory_msgs/msg/JointTrajectory"
 _MOST_BYTES = 1_000_000
 # the robot's own state may be so old, and the wait for the first one so long
 _STATE_S, _FIRST_S = 0.2, 10.0
 # another program that drives the robot is found on the network by then
 _OTHERS_S = 1.0
-# velocities drift: of what a robot moved less or more than commanded, this is the time constant of forgetting
-_FORGET_S = 3.0
 # a node that leaves at once may take its last message with it
 _SENT_S = 0.05
 _ARM_RADIUS_M = 0.15
@@ -115,7 +110,6 @@ def open_ros_robot(
 
     Raises:
         SourceError: no state comes, or another program drives it. ConfigError: a model that does not fit.
-        DependencyError: ROS 1 without rospy.
     """
     place = placed(settings.robot.position_xy_m, settings.robot.heading_deg)
     # refused before anything of it is on the network
@@ -127,7 +121,7 @@ def open_ros_robot(
         if chain is not None:
             robot = RosJoints(node, plan, chain, settings.limits, place)
         else:
-            robot = RosCartesian(node, plan, command, tuple(frames), place)
+            robot = RosCartesian(node, plan, tuple(frames), place)
         begun_s = time.monotonic()
         while time.monotonic() < begun_s + (_OTHERS_S if robot.known() else _FIRST_S):
             time.sleep(0.02)
@@ -181,18 +175,18 @@ class _Renewals:
             if stamp_ns:
                 self._off_s[name] = (stamp_ns - time.time_ns()) / 1e9
 
-    def fault(self, names: Collection[str], words: str, *, same_clock: bool) -> str:
+    def fault(self, names: Collection[str], words: str) -> str:
         """What is wrong with the newest reports of `names`; empty: nothing.
 
         Args:
-            words: where they come from. same_clock: the robot compares the stamps of what it is sent with its own clock.
+            words: where they come from.
         """
         known = [self._new_s[name] for name in names if name in self._new_s]
         if not known or time.monotonic() - min(known) > _STATE_S:
             return f"nothing new of {words} for {_STATE_S:g} s"
         # of several the one that agrees best: some programs stamp transforms for later
         off_s = min((self._off_s[name] for name in names if name in self._off_s), key=abs, default=0.0)
-        if same_clock and abs(off_s) > _STATE_S:
+        if abs(off_s) > _STATE_S:
             way = "ahead of" if off_s > 0 else "behind"
             return f"stamps of {words} are {abs(off_s):.1f} s {way} this computer's clock: set both clocks by NTP or PTP"
         return ""
@@ -209,8 +203,7 @@ class RosJoints:
         self._node, self._plan = node, plan
         self.joints, self.needs = Joints(chain, limits, place), JOINT_STATES
         self._states = _Inbox(node, Topic(JOINT_STATES, "sensor_msgs/msg/JointState", depth=5))
-        arm_type = _POSITIONS if plan.controller.endswith("/commands") else _TRAJECTORY
-        self._arm = Topic(plan.controller, arm_type, depth=1)
+        self._arm = Topic(plan.controller, "trajectory_msgs/msg/JointTrajectory", depth=1)
         # of a base there may be others, e.g. for navigation while the robot stands
         self.commands = {plan.controller}
         vel_type = "geometry_msgs/msg/TwistStamped" if plan.stamped else "geometry_msgs/msg/Twist"
@@ -230,24 +223,27 @@ class RosJoints:
     def state(self) -> RobotState:
         """See `Robot`."""
         self._listen()
-        stamped = self._arm.type_name == _TRAJECTORY or self._plan.stamped
-        return self.joints.state(self._measured, self._renewals.fault([self.needs], self.needs, same_clock=stamped))
+        return self.joints.state(self._measured, self._renewals.fault([self.needs], self.needs))
 
     def move(self, wanted: Follower, dt_s: float, left_out: int = 0) -> None:
         """See `Robot`."""
-        if left_out and self._arm.type_name == _TRAJECTORY:
+        if left_out:
             # the arm followed its last trajectory meanwhile: one that began where that did would throw it back
             self.joints.coast(left_out, dt_s)
-            left_out = 0
-        q, rates = self.joints.follow(wanted, dt_s, left_out), self.joints.step / dt_s
+        q, rates = self.joints.follow(wanted, dt_s, 0), self.joints.step / dt_s
         t_ns, arm = time.time_ns(), self.joints.chain.arm
         self._node.publish(self._arm, self._arm_message(q[arm], rates[arm], dt_s, t_ns), t_ns)
         self._move_base(_base_velocity(q[~arm], rates[~arm]) if self._base is not None else np.zeros(6))
 
     def close(self) -> None:
         """See `Robot`; the base gets zero velocity, and the last trajectory ends at rest."""
-        _leave(self._node, (lambda: self._move_base(np.zeros(6))) if self._begun else None)
-        self._begun = False
+        try:
+            if self._begun:
+                self._begun = False
+                self._move_base(np.zeros(6))
+                time.sleep(_SENT_S)
+        finally:
+            self._node.close()
 
     @property
     def _measured(self) -> Array:
@@ -261,11 +257,7 @@ class RosJoints:
             self._node.publish(self._base, base, t_ns)
 
     def _arm_message(self, q: Array, rates: Array, dt_s: float, t_ns: int) -> Any:
-        chain = self.joints.chain
-        if self._arm.type_name == _POSITIONS:
-            layout = message("std_msgs/msg/MultiArrayLayout", dim=[], data_offset=0)
-            return message(self._arm.type_name, layout=layout, data=q)
-        ahead_s = _AHEAD_PERIODS * dt_s
+        chain, ahead_s = self.joints.chain, _AHEAD_PERIODS * dt_s
         ahead = q + rates * (ahead_s - dt_s)
         # a controller that gets nothing more stops there; those of ros2_control take no trajectory that ends in motion
         rest, steps = self.joints.resting()
@@ -288,7 +280,7 @@ class RosJoints:
 
 
 class RosCartesian:
-    """Poses or twists for a controller with its own inverse kinematics (`follower.Robot`).
+    """Poses for a controller with its own inverse kinematics (`follower.Robot`).
 
     Attributes:
         needs: the source of its position. commands: names of topics that no other program may send.
@@ -296,32 +288,27 @@ class RosCartesian:
     Singularities are that controller's business: it may always be as fast as the limit.
     """
 
-    def __init__(self, node: Any, plan: RosPlan, command: str, frames: tuple[str, ...], place: SE3) -> None:
+    def __init__(self, node: Any, plan: RosPlan, frames: tuple[str, ...], place: SE3) -> None:
         self._node, self._plan, self._frames, self._place = node, plan, frames, place
         self._back, self._tree, self._renewals = place.inverse(), Frames(), _Renewals()
         self.needs = f"{TF.name} from {plan.base_frame} to {', '.join(frames)}"
         self._inboxes = [_Inbox(node, TF), _Inbox(node, TF_STATIC)]
-        kind = "PoseStamped" if command == "pose" else "TwistStamped"
-        name = "target" if command == "pose" else "twist"
-        self._topics = [Topic(f"{NAMESPACE}/{frame}/{name}", f"geometry_msgs/msg/{kind}", depth=1) for frame in frames]
+        self._topics = [Topic(f"{NAMESPACE}/{frame}/target", "geometry_msgs/msg/PoseStamped", depth=1) for frame in frames]
         self.commands = {topic.name for topic in self._topics}
-        self._twists = command == "twist"
         self._wanted: Follower | None = None
         self._joining = frozenset[str]()
-        # of twists: commanded less measured motion, m and rad; and the last measured poses
-        self._behind, self._last = np.zeros((len(frames), 6)), (np.zeros((0, 3)), np.zeros((0, 4)))
 
     def known(self) -> bool:
         """Whether tf has the poses of all end effectors."""
         return self._ends() is not None
 
     def state(self) -> RobotState:
-        """See `Robot`: commanded is where it was sent last; where it is before that, and where twists left it when it stands."""
+        """See `Robot`: commanded is where it was sent last; where it is before that."""
         ends = self._ends()
         if ends is None:
             raise SourceError(f"robot: {self.needs} is not known")
         measured, wanted = ends[0], self._wanted
-        xyz, wxyz = ends if wanted is None or (self._twists and wanted.brakes and wanted.stands) else (wanted.xyz, wanted.wxyz)
+        xyz, wxyz = ends if wanted is None else (wanted.xyz, wanted.wxyz)
         return RobotState(
             xyz_world=xyz,
             wxyz=wxyz,
@@ -334,40 +321,23 @@ class RosCartesian:
 
     def move(self, wanted: Follower, dt_s: float, left_out: int = 0) -> None:
         """See `Robot`."""
-        self._wanted = wanted
-        if self._twists:
-            rates = np.concatenate([wanted.velocity, wanted.turn_rate], axis=1)
-            self._behind = self._behind * (1 - dt_s / _FORGET_S) + rates * dt_s
-            self._send_twists(rates)
-            return
-        t_ns = time.time_ns()
+        self._wanted, t_ns = wanted, time.time_ns()
         for topic, xyz, wxyz in zip(self._topics, wanted.xyz, wanted.wxyz, strict=True):
             place = SE3(quaternion_product(self._back.wxyz, wxyz), self._back @ xyz)
             self._node.publish(topic, pose_stamped(t_ns, self._plan.base_frame, place), t_ns)
 
     def close(self) -> None:
-        """See `Robot`; twists end with zero velocity, the last pose is one to stay at."""
-        stop = self._twists and self._wanted is not None
-        _leave(self._node, (lambda: self._send_twists(np.zeros((len(self._topics), 6)))) if stop else None)
-        self._wanted = None
-
-    def _send_twists(self, rates: Array) -> None:
-        """(H, 6) velocities and turn rates in world axes."""
-        t_ns, turn = time.time_ns(), self._back.matrix()
-        for topic, rate in zip(self._topics, rates, strict=True):
-            msg = twist_stamped(t_ns, self._plan.base_frame, np.concatenate([turn @ rate[:3], turn @ rate[3:]]))
-            self._node.publish(topic, msg, t_ns)
+        """See `Robot`; the last pose is one to stay at."""
+        self._node.close()
 
     def _fault(self, xyz: Array, wxyz: Array) -> str:
-        if fault := self._renewals.fault(self._joining, self.needs, same_clock=True):
+        if fault := self._renewals.fault(self._joining, self.needs):
             return fault
-        if self._twists:
-            self._behind -= _motion(*self._last, xyz, wxyz) if len(self._last[0]) else 0.0
-            self._last, apart = (xyz, wxyz), self._behind
-        else:
-            wanted = self._wanted
-            apart = np.zeros((1, 6)) if wanted is None else _motion(xyz, wxyz, wanted.xyz, wanted.wxyz)
-        far_m, turned_rad = (float(np.linalg.norm(part, axis=1).max()) for part in (apart[:, :3], apart[:, 3:]))
+        wanted = self._wanted
+        if wanted is None:
+            return ""
+        far_m = float(np.linalg.norm(wanted.xyz - xyz, axis=1).max())
+        turned_rad = max(float(np.linalg.norm(rotvec_between(*turn))) for turn in zip(wxyz, wanted.wxyz, strict=True))
         if far_m > FOLLOWS_M or turned_rad > FOLLOWS_RAD:
             return f"the end effector is {far_m:.2f} m and {turned_rad:.2f} rad from where it was commanded"
         return ""
@@ -391,16 +361,6 @@ class RosCartesian:
         return np.array([place.xyz for place in known]), np.array([place.wxyz for place in known])
 
 
-def _leave(node: Any, stop: Callable[[], None] | None) -> None:
-    """Close a node, after a last message."""
-    try:
-        if stop is not None:
-            stop()
-            time.sleep(_SENT_S)
-    finally:
-        node.close()
-
-
 def _point(positions: Array, velocities: Array, at_s: float) -> Any:
     """One point of a joint trajectory."""
     sec, nanosec = divmod(round(at_s * 1e9), 1_000_000_000)
@@ -412,12 +372,6 @@ def _point(positions: Array, velocities: Array, at_s: float) -> Any:
         effort=np.zeros(0),
         time_from_start=message("builtin_interfaces/msg/Duration", sec=sec, nanosec=nanosec),
     )
-
-
-def _motion(xyz: Array, wxyz: Array, end_xyz: Array, end_wxyz: Array) -> Array:
-    """(H, 6) from poses to others: m and rad, world axes."""
-    turns = [rotvec_between(start, end) for start, end in zip(wxyz, end_wxyz, strict=True)]
-    return np.concatenate([end_xyz - xyz, turns], axis=1)
 
 
 def _base_velocity(q: Array, rates: Array) -> Array:

@@ -163,12 +163,12 @@ def run_control_loop(
     robot: RobotLink,
     settings: TeleoperationSettings,
     *,
-    watches: Sequence[Callable[[Operator, Order | None], None]] = (),
+    watch: Callable[[Operator, Order | None], None] | None = None,
     stopped: Sequence[str] = (),
 ) -> Summary:
     """Teleoperate until the session or the robot's process has ended, or a request to end is in `stopped`.
 
-    watches: called with every step.
+    watch: called with every step.
     """
     period_s = 1.0 / settings.robot.rate_hz
     operator, summary, begun_s = Operator(), Summary(), time.monotonic()
@@ -190,7 +190,7 @@ def run_control_loop(
             if order is not None:
                 robot.send(order)
             image_ns = _count(summary, operator, robot, image_ns)
-            for watch in watches:
+            if watch is not None:
                 watch(operator, order)
         session.check()
     except PosefuseError as error:

@@ -168,8 +168,7 @@ class RosJoySwitch(_Counting):
 
     Each message with the button down is a heartbeat; joy_node repeats at 20 Hz by default.
 
-    ROS 2: messages count by their source time on this machine's clock, so the clocks of two machines must agree. ROS 1 has no
-    source time: they count by their arrival, and a message that waited in the network counts as new.
+    Messages count by their source time on this machine's clock, so the clocks of two machines must agree.
     """
 
     def __init__(self, topic: str, ros: RosPlan) -> None:
@@ -292,36 +291,14 @@ class WebSwitch:
         return Handler
 
 
-class GestureSwitch(_Counting):
-    """The other hand raised above its shoulder: follow (`DeadMan`).
-
-    For simulated robots, because it comes through the cameras it is to guard against.
-    """
-
-    hint = "raise the other hand above its shoulder to move; Ctrl-C: end"
-
-    def __init__(self) -> None:
-        self._t_ns = -1
-
-    def poll(self, now_ns: int, view: OperatorView | None) -> Pressed:
-        """See `DeadMan`: one heartbeat for each new pose that shows the gesture."""
-        if view is None or view.t_ns <= self._t_ns or not view.gesture:
-            return Pressed()
-        self._t_ns = view.t_ns
-        return Pressed(heartbeats=(self._beat(min(view.measured_ns, now_ns)),))
-
-    def close(self) -> None:
-        """See `DeadMan`."""
+KINDS = "key, joystick:/dev/input/js0, ros:/joy, web, web:PORT"
 
 
-KINDS = "key, joystick:/dev/input/js0, ros:/joy, web, web:PORT, gesture"
-
-
-def open_deadman(text: str | DeadMan, *, gesture_allowed: bool = True, ros: Callable[[], RosPlan] = RosPlan) -> DeadMan:
+def open_deadman(text: str | DeadMan, ros: Callable[[], RosPlan] = RosPlan) -> DeadMan:
     """The switch of ``--deadman``; one that is open already is returned. ros: where its topic is.
 
     Raises:
-        ConfigError: no such switch, or a gesture where it alone is not enough. SourceError: it cannot be opened.
+        ConfigError: no such switch. SourceError: it cannot be opened.
     """
     if not isinstance(text, str):
         return text
@@ -334,11 +311,4 @@ def open_deadman(text: str | DeadMan, *, gesture_allowed: bool = True, ros: Call
         return RosJoySwitch(where, ros())
     if kind == "web" and (not where or where.isdecimal()):
         return WebSwitch(int(where or 0))
-    if text == "gesture":
-        if not gesture_allowed:
-            raise ConfigError(
-                "--deadman gesture: a gesture alone does not stop a real robot when the cameras fail; "
-                "use another switch, or --i-have-an-emergency-stop where one is within reach"
-            )
-        return GestureSwitch()
     raise ConfigError(f"--deadman {text}: expected one of {KINDS}")

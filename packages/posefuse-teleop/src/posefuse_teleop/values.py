@@ -135,7 +135,6 @@ class OperatorView:
         rotation_world: (H, 3, 3) forearm frames; NaN where undefined.
         other_xyz_world: (H, 3) the wrist of the other arm. forearm_m: (H,) distance of elbow and wrist.
         body_xyz_world: (K, 3) keypoints. body_sigma_m: (K,). body_measured: (K,) bool.
-        gesture: the other hand is raised above its shoulder.
     """
 
     t_ns: int
@@ -151,7 +150,6 @@ class OperatorView:
     body_xyz_world: Array
     body_sigma_m: Array
     body_measured: Array
-    gesture: bool = False
 
     def __post_init__(self) -> None:
         frozen_fields(self, _VIEW_AXES, {"views": np.int64, "measured": np.bool_, "body_measured": np.bool_})
