@@ -67,7 +67,6 @@ def _tracked_figures(out: Path | None, tracked: Tracked, errors: JointErrors | N
         "detect_ms_per_image": 1000 * clock.seconds.get("detect", 0.0) / recording.observations.image_count,
         "camera_fits": recording.provenance["camera_fits"],
         "rig_warnings": recording.provenance["rig_warnings"],
-        "interrupted": tracked.interrupted,
         "exit_code": int(bool(tracked.failed or recording.provenance["rig_warnings"])),
     }
     return figures | ({"mpjpe_mm": errors.mpjpe_mm} if errors else {})

@@ -42,7 +42,6 @@ def track(
     formats: Sequence[str] | None = None,
     resume: bool = False,
     replace: bool = False,
-    keep_partial: bool = False,
     view: bool = False,
     config: str | Path | None = None,
     settings: Mapping[str, Any] | None = None,
@@ -66,7 +65,6 @@ def track(
             names, else trc, c3d, csv, overlay and overview.
         resume: continue the interrupted work of `out`; from the beginning where there is none.
         replace: move an earlier result that is there to ``NAME.replaced-TIME``.
-        keep_partial: Ctrl-C does not raise: what was detected until then is solved, written and returned.
         view: open the result in the Rerun viewer at the end (extra ``viewer``).
         config: settings file in place of the session's ``posefuse.toml``.
         settings: any other setting by dotted key, e.g. ``{"smooth.cutoff_hz": 8}``.
@@ -78,7 +76,7 @@ def track(
         be written) is a `UserWarning`.
 
     Raises:
-        KeyboardInterrupt: Ctrl-C, without `keep_partial`; the detections stay in `out`, if it was given.
+        KeyboardInterrupt: Ctrl-C; the detections stay in `out`, if it was given.
         PosefuseError: anything that leaves fewer than two usable cameras or no person to follow; the message names the next step.
 
     Examples:
@@ -110,7 +108,7 @@ def track(
     if out is not None:
         where = ResultFolder(path=Path(out), force=replace, resume=resume)
     with shown(progress) as report:
-        tracked = track_session(found, chosen, where, report, solve_interrupted=keep_partial)
+        tracked = track_session(found, chosen, where, report)
     place = None if where is None else where.path
     made = recording_of(tracked.recording, path=place, outcome=tracked_outcome(place, found, chosen.detector, tracked))
     if view:

@@ -108,7 +108,7 @@ def track(session: Path, /, *, options: TrackOptions, terminal: Shown) -> Figure
         session: Folder with a calibration file and the recordings.
     """
     with terminal.stages() as progress:
-        made = pf.track(session, **arguments_of(pf.track, options), keep_partial=True, progress=progress)
+        made = pf.track(session, **arguments_of(pf.track, options), progress=progress)
     terminal.show(made.summary())
     _next(options.out, terminal)
     terminal.next(f"posefuse view {quoted(options.out)}", "the skeleton in the 3D viewer (extra: viewer)")

@@ -60,12 +60,11 @@ class Tracked:
 
     Attributes:
         recording: the result; its provenance has how well each camera fits (``camera_fits``) and what is wrong with the rig
-            (``rig_warnings``). interrupted: Ctrl-C ended it early. clock: seconds of its stages.
+            (``rig_warnings``). clock: seconds of its stages.
         files: written, where they lie at the end. failed: why outputs were not written, by name.
     """
 
     recording: Recording
-    interrupted: bool
     clock: StageClock
     files: Sequence[Path] = ()
     failed: Mapping[str, str] = dataclasses.field(default_factory=dict)
@@ -76,20 +75,16 @@ def track_session(
     config: TrackConfig,
     out: ResultFolder | None = None,
     progress: Progress = silent,
-    *,
-    solve_interrupted: bool = True,
 ) -> Tracked:
     """Detect, solve and write; a problem that does not stop the work is a `UserWarning`.
 
     Args:
         out: where the result is written, and the detections are kept while they are made; None: nothing is kept on disk.
         progress: of the stages ``detect`` and ``write``.
-        solve_interrupted: on Ctrl-C solve and write what was detected; otherwise keep the detections and raise.
 
     Raises:
-        KeyboardInterrupt: Ctrl-C, when nothing can or should be solved.
-        PosefuseError: anything that leaves fewer than two usable cameras, or no person to follow; the detections made so far are
-            kept where another attempt can use them.
+        KeyboardInterrupt: Ctrl-C. PosefuseError: anything that leaves fewer than two usable cameras, or no person to follow.
+            With either the detections made so far are kept where another attempt can use them.
     """
     clock, kind = StageClock(), session.kind
     if out is not None:
@@ -107,20 +102,14 @@ def track_session(
         with clock.stage("compile"), compiling("tracking", lambda line: progress("detect", 0, None, line)):
             warm_up(opened)
         if out is None:
-            return _tracked(opened, moved, clock, progress, None, solve_interrupted=solve_interrupted)
+            return _tracked(opened, moved, clock, progress, None)
         with out.made(opened, progress) as (folder, store):
-            tracked = _tracked(opened, moved, clock, progress, store, solve_interrupted=solve_interrupted)
+            tracked = _tracked(opened, moved, clock, progress, store)
             recording = tracked.recording
-            if tracked.interrupted:
-                steps = len(recording.poses)
-                warn_caller(
-                    f"stopped early; the first {steps} time steps are finished and kept; `resume=True` continues from them"
-                )
             check_space(folder.folder, estimated_result_bytes(opened, len(recording.poses.person_id)))
             with clock.stage("write"):
                 files, failed = write_result(recording, session, sinks, folder, progress)
             warn_of_failures(failed)
-            store.finished = not tracked.interrupted
             return dataclasses.replace(tracked, files=files, failed=failed)
 
 
@@ -130,15 +119,11 @@ def _tracked(
     clock: StageClock,
     progress: Progress,
     store: DetectionStore | None,
-    *,
-    solve_interrupted: bool,
 ) -> Tracked:
     """Detect, then solve; `moved` is what is wrong with the rig already, see `_moved_cameras`."""
     session = opened.session
-    observations, interrupted = detect(opened, clock, progress, store)
-    if interrupted and not solve_interrupted:
-        raise KeyboardInterrupt
-    incomplete = [] if interrupted else opened.incomplete()
+    observations = detect(opened, clock, progress, store)
+    incomplete = opened.incomplete()
     # decoded frames are not needed any more, and an hour to be solved takes much memory
     opened.close()
     for line in incomplete:
@@ -161,7 +146,7 @@ def _tracked(
     for line in (lines := [finding_line(one, session.folder) for one in findings]):
         warn_caller(line)
     about = {**recording.provenance, **rig_facts(cameras, moved, lines)}
-    return Tracked(recording=dataclasses.replace(recording, provenance=about), interrupted=interrupted, clock=clock)
+    return Tracked(recording=dataclasses.replace(recording, provenance=about), clock=clock)
 
 
 def _with_known_noise(opened: Opened, observations: Observations, progress: Progress) -> tuple[Opened, Observations]:
@@ -223,10 +208,8 @@ def warm_up(opened: Opened) -> None:
         smooth(PoseSequence.from_poses(people), config.smooth)
 
 
-def detect(
-    opened: Opened, clock: StageClock, progress: Progress = silent, store: DetectionStore | None = None
-) -> tuple[Observations, bool]:
-    """All detections with the people that the online pass followed, and whether Ctrl-C ended it early.
+def detect(opened: Opened, clock: StageClock, progress: Progress = silent, store: DetectionStore | None = None) -> Observations:
+    """All detections with the people that the online pass followed.
 
     What `store` has already is not detected again; what is new is given to it at once.
     """
@@ -240,17 +223,11 @@ def detect(
         keep=store.append if store else None,
     )
     steps = itertools.chain(stored_steps(stored) if stored else (), opened.steps(stored))
-    log, done = FollowedLog(follower), 0
-    interrupted = False
-    try:
-        for done, one in enumerate(follower.follow(steps), start=1):
-            log.add(one)
-            progress("detect", done, opened.timeline.count)
-    except KeyboardInterrupt:
-        if done < 2:
-            raise
-        interrupted = True
-    return log.observations(), interrupted
+    log = FollowedLog(follower)
+    for done, one in enumerate(follower.follow(steps), start=1):
+        log.add(one)
+        progress("detect", done, opened.timeline.count)
+    return log.observations()
 
 
 def provenance_of(opened: Opened, incomplete: Sequence[str]) -> dict[str, Any]:

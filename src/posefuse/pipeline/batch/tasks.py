@@ -215,8 +215,8 @@ def _tracked(task: Task) -> Recording:
     if unfinished_work(out) is not None:
         # made in another way: from the beginning
         with contextlib.suppress(InputError):
-            return track_session(session, config, ResultFolder(path=out, resume=True), solve_interrupted=False).recording
-    return track_session(session, config, ResultFolder(path=out, force=True), solve_interrupted=False).recording
+            return track_session(session, config, ResultFolder(path=out, resume=True)).recording
+    return track_session(session, config, ResultFolder(path=out, force=True)).recording
 
 
 def _write_report(recording: Recording, task: Task) -> None:
