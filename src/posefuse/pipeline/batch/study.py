@@ -14,8 +14,8 @@ import numpy as np
 from posefuse.core import DiskFullError, InputError, Progress, silent
 from posefuse.detection.build import fetch_networks
 from posefuse.formats.page import write_page
-from posefuse.foundation.output_file import atomic_file, check_outside_inputs, keep_copy, write_text
-from posefuse.foundation.output_folder import check_replaceable, growing_folder, made_again
+from posefuse.foundation.output_file import atomic_file, check_outside_inputs, earlier_kept, keep_copy, write_text
+from posefuse.foundation.output_folder import check_replaceable, growing_folder
 from posefuse.foundation.summary import Block, Heading, Note, Table
 from posefuse.pipeline.writing import build_sinks
 
@@ -145,7 +145,7 @@ def run_study(
     result = Study(out=folder, trials=tuple(trials), outcomes=tuple(outcomes[name] for name in tasks), kept=kept)
     with _naming_what_is_kept():
         _write_table(result)
-        with made_again(result.page):
+        with earlier_kept(result.page):
             write_page(result.page, study_page(study.resolve().name, result.rows()))
     return result
 
@@ -196,7 +196,7 @@ def _write_table(study: Study) -> None:
     """Floats to six digits; what is not known is empty."""
     rows = [{name: value for name, value in row.items() if not isinstance(value, list)} for row in study.rows()]
     columns = dict.fromkeys([*_FIRST_COLUMNS, *(name for row in rows for name in row)])
-    with made_again(study.table), atomic_file(study.table) as new, new.open("w", newline="", encoding="utf-8") as file:
+    with earlier_kept(study.table), atomic_file(study.table) as new, new.open("w", newline="", encoding="utf-8") as file:
         writer = csv.DictWriter(file, columns, restval="")
         writer.writeheader()
         writer.writerows({name: _cell(value) for name, value in row.items()} for row in rows)
