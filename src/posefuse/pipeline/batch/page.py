@@ -1,4 +1,4 @@
-"""The summary of a study: what failed, parameters by participant, mean gait cycles of all participants."""
+"""The summary of a study: what failed, and parameters by participant."""
 
 from __future__ import annotations
 
@@ -10,12 +10,11 @@ import numpy as np
 from posefuse import __version__
 from posefuse.core import InputError, PoseSequence, Recording
 from posefuse.core.arrays import Array, known_median, sample_sd
-from posefuse.core.palette import LEGEND
 from posefuse.core.poses import point_sigma_m
 from posefuse.core.skeleton import SIDES
 from posefuse.evaluation.gait_cycles import gait_cycles
-from posefuse.evaluation.report import RANGES, cycle_series
-from posefuse.formats.page import Block, Cards, Heading, Note, Page, Plot, Plots, Series, Table
+from posefuse.evaluation.report import RANGES
+from posefuse.formats.page import Block, Cards, Heading, Note, Page, Table
 from posefuse.kinematics import joints_from_poses
 from posefuse.kinematics.gait import Gait, gait_from_poses
 from posefuse.outputs.provenance import duration_s
@@ -24,10 +23,7 @@ from posefuse.outputs.provenance import duration_s
 
 
 def recording_figures(recording: Recording) -> dict[str, Any]:
-    """Of the recording and of the first person's walk; gait is left out where they do not walk.
-
-    ``cycle_SIDE_JOINT_ANGLE_deg`` are lists of 101 values over the gait cycle.
-    """
+    """Of the recording and of the first person's walk; gait is left out where they do not walk."""
     poses = recording.poses
     figures = quality_figures(poses, len(recording.rig))
     gait = gait_from_poses(poses, 0) if len(poses.person_id) else None
@@ -69,7 +65,6 @@ def _angle_figures(recording: Recording, gait: Gait) -> dict[str, Any]:
         joint = one.joint.removeprefix(f"{one.side}_")
         if (joint, one.angle) in RANGES:
             found[f"range_{one.side}_{joint}_{one.angle}_deg"] = float(np.degrees(one.ranges_rad.mean()))
-            found[f"cycle_{one.side}_{joint}_{one.angle}_deg"] = np.degrees(one.mean_rad).round(2).tolist()
     return found
 
 
@@ -106,7 +101,6 @@ def study_page(title: str, rows: Rows) -> Page:
             Table(["participant", "trial", "reason"], lines, text=True),
         ]
     blocks += _parameters(participants, rows)
-    blocks += _cycles(participants, rows)
     blocks += [Heading("Trials"), _trials(rows)]
     return Page(title, blocks, subtitle=f"summary of a study, posefuse {__version__}")
 
@@ -124,38 +118,6 @@ def _parameters(participants: Sequence[str], rows: Rows) -> list[Block]:
         lines.append([title, _spread(means, digits), *(_spread(values, digits) for values in by_participant)])
     note = "Mean ± standard deviation (number): of participants in the second column, of the trials of each in the others."
     return [Heading("Parameters by participant", note), Table(columns, lines, text=True)]
-
-
-def _cycles(participants: Sequence[str], rows: Rows) -> list[Block]:
-    plots = [plot for joint, angle in RANGES if (plot := _cycle_plot(joint, angle, participants, rows)) is not None]
-    if not plots:
-        return []
-    note = (
-        "Thin lines: mean of the trials of each participant; thick lines and bands: mean of participants ± 1 standard deviation. "
-        + LEGEND
-    )
-    return [Heading("Gait cycle of all participants", note), Plots(plots, small=True)]
-
-
-def _cycle_plot(joint: str, angle: str, participants: Sequence[str], rows: Rows) -> Plot | None:
-    series: list[Series] = []
-    for side in SIDES:
-        name = f"cycle_{side}_{joint}_{angle}_deg"
-        curves = {
-            participant: curve for participant in participants if (curve := _mean_curve(rows, participant, name)) is not None
-        }
-        if not curves:
-            continue
-        every = np.stack(list(curves.values()))
-        series += cycle_series(side, curves, every.mean(axis=0), sample_sd(every), f"{side}, mean of {len(curves)}")
-    if not series:
-        return None
-    return Plot(f"{joint} {angle}".capitalize(), series, x_label="% of the gait cycle", y_label="degrees", legend=False)
-
-
-def _mean_curve(rows: Rows, participant: str, name: str) -> Array | None:
-    curves = [row[name] for row in rows if row["participant"] == participant and isinstance(row.get(name), list)]
-    return np.asarray(np.mean(curves, axis=0)) if curves else None
 
 
 def _trials(rows: Rows) -> Table:

@@ -194,7 +194,7 @@ def _write_outcome(folder: Path, outcome: Outcome) -> None:
 
 def _write_table(study: Study) -> None:
     """Floats to six digits; what is not known is empty."""
-    rows = [{name: value for name, value in row.items() if not isinstance(value, list)} for row in study.rows()]
+    rows = study.rows()
     columns = dict.fromkeys([*_FIRST_COLUMNS, *(name for row in rows for name in row)])
     with earlier_kept(study.table), atomic_file(study.table) as new, new.open("w", newline="", encoding="utf-8") as file:
         writer = csv.DictWriter(file, columns, restval="")

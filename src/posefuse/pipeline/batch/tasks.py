@@ -149,7 +149,7 @@ class Outcome:
 
     Attributes:
         name: of the trial. made_with: as in its task. reason: why it failed; empty where it is complete.
-        seconds: it took. warnings: lines about what is not as it should be. figures: by name, numbers or lists of them.
+        seconds: it took. warnings: lines about what is not as it should be. figures: numbers by name.
     """
 
     name: str
