@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from .api.live_run import track_live
     from .api.machine import doctor, models, plugins
     from .api.record import record, resume_recording
-    from .api.recording import JointAngles, Recording, read, view
+    from .api.recording import JointAngles, Recording, read
     from .api.rig_and_detector import Rig, detector, read_rig
     from .api.targets import print_target
     from .api.track import batch, demo_session, solve, track
@@ -39,7 +39,7 @@ __all__ = [
     "calibrate_extrinsics", "calibrate_intrinsics", "calibrate_person", "camera_node", "compare", "demo_session",
     "detector", "doctor", "fusion_node", "gazebo_world", "live", "models", "plan", "plugins", "print_target", "read",
     "read_rig", "record", "recordings", "resume_recording", "simulate", "solve", "teleoperate", "track", "track_live",
-    "triangulate", "verify", "view",
+    "triangulate", "verify",
 ]  # fmt: skip
 
 

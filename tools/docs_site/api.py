@@ -23,7 +23,6 @@ GROUPS: tuple[tuple[str, tuple[str, ...]], ...] = (
             "simulate",
             "gazebo_world",
             "solve",
-            "view",
             "demo_session",
         ),
     ),

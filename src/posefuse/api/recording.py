@@ -480,16 +480,3 @@ def read(path: str | Path, *, observed: bool = True) -> Recording:
 def needs_detections(outputs: Iterable[str]) -> bool:
     """Whether a result has to be read with its detections for these outputs, by name."""
     return not set(outputs) <= set(_WITHOUT_DETECTIONS)
-
-
-def view(result: str | Path, *, session: str | Path | None = None, progress: Progress | bool | None = None) -> Path | None:
-    """Show a result in the Rerun viewer until it is closed; see `Recording.view`. Needs the extra ``viewer``.
-
-    Examples:
-        >>> import posefuse as pf
-        >>> pf.view("RESULT")  # doctest: +SKIP
-    """
-    from posefuse.outputs.rerun import check_rerun
-
-    check_rerun()
-    return read(result).view(session=session, progress=progress)

@@ -42,7 +42,6 @@ def track(
     formats: Sequence[str] | None = None,
     resume: bool = False,
     replace: bool = False,
-    view: bool = False,
     config: str | Path | None = None,
     settings: Mapping[str, Any] | None = None,
     progress: Progress | bool | None = None,
@@ -65,7 +64,6 @@ def track(
             names, else trc, c3d, csv, overlay and overview.
         resume: continue the interrupted work of `out`; from the beginning where there is none.
         replace: move an earlier result that is there to ``NAME.replaced-TIME``.
-        view: open the result in the Rerun viewer at the end (extra ``viewer``).
         config: settings file in place of the session's ``posefuse.toml``.
         settings: any other setting by dotted key, e.g. ``{"smooth.cutoff_hz": 8}``.
         progress: True for bars on stderr, or a function (see `Progress`).
@@ -85,7 +83,6 @@ def track(
         >>> recording.save("RESULT", formats=("trc", "c3d"))  # doctest: +SKIP
     """
     from posefuse.detection.build import locked, network_settings
-    from posefuse.outputs.rerun import check_viewer
     from posefuse.pipeline.reading import is_live
     from posefuse.pipeline.result_folder import ResultFolder
     from posefuse.pipeline.session import find_session
@@ -96,8 +93,6 @@ def track(
         raise InputError(f"{folder}: is a recording, not a session; `posefuse solve` solves it again")
     if out is None and (resume or replace or formats):
         raise InputError("track: resume, replace and formats are about the folder `out`, which was not given")
-    if view:
-        check_viewer()
     names = None if formats is None else tuple(formats)
     options = {"rig": rig, "associate.max_people": people, "fuse.weights": weights, "start_s": start_s, "end_s": end_s}
     changes = {key: value for key, value in (options | {"outputs": names}).items() if value is not None}
@@ -110,10 +105,7 @@ def track(
     with shown(progress) as report:
         tracked = track_session(found, chosen, where, report)
     place = None if where is None else where.path
-    made = recording_of(tracked.recording, path=place, outcome=tracked_outcome(place, found, chosen.detector, tracked))
-    if view:
-        made.view(session=None if "rerun" in chosen.outputs else folder)
-    return made
+    return recording_of(tracked.recording, path=place, outcome=tracked_outcome(place, found, chosen.detector, tracked))
 
 
 @checked
@@ -158,7 +150,6 @@ def solve(
     exclude: Sequence[Exclusion] = (),
     keep_person: int | None = None,
     replace: bool = False,
-    view: bool = False,
     config: str | Path | None = None,
     settings: Mapping[str, Any] | None = None,
     progress: Progress | bool | None = None,
@@ -174,7 +165,6 @@ def solve(
         exclude: stretches to leave out, besides those of `edits`.
         keep_person: id of the one person to keep, in place of that of `edits`.
         replace: move an earlier result in `out` to ``NAME.replaced-TIME``.
-        view: open the result in the Rerun viewer at the end (extra ``viewer``).
         config: settings file, on top of the settings of the result.
         settings: settings by dotted key, on top of both; ``start_s`` and ``end_s`` select a part.
         progress: True for bars on stderr, or a function (see `Progress`).
@@ -190,15 +180,12 @@ def solve(
     """
     from posefuse.foundation.compiled import compiling
     from posefuse.foundation.output_folder import output_folder
-    from posefuse.outputs.rerun import check_viewer
     from posefuse.pipeline.reading import files_of_result, read_result
     from posefuse.pipeline.solve import REFINED, solve_again
     from posefuse.pipeline.track import refined_line
     from posefuse.pipeline.writing import build_sinks, nearby_session, warn_of_failures, write_result
 
     path, place, changes = Path(result), Path(out), dict(settings or {})
-    if view:
-        check_viewer()
     began_s, inputs = time.perf_counter(), files_of_result(path)
     with shown(progress) as report, output_folder(place, command="track", inputs=inputs, replace=replace) as folder:
         earlier, note = read_result(path, start_s=changes.get("start_s"), end_s=changes.get("end_s")), lines_of(report, "solve")
@@ -216,10 +203,7 @@ def solve(
     warn_of_failures(failed)
     excluded, seconds = len(used.exclusions), time.perf_counter() - began_s
     outcome = solved_outcome(place, recording, files=files, failed=failed, seconds=seconds, excluded=excluded)
-    made = recording_of(recording, path=place, outcome=outcome)
-    if view:
-        made.view()
-    return made
+    return recording_of(recording, path=place, outcome=outcome)
 
 
 def _solve_config(earlier: core.Recording, config: str | Path | None, changes: Mapping[str, Any], *, images: bool) -> TrackConfig:

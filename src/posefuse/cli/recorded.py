@@ -49,13 +49,11 @@ class TrackOptions(SettingsOptions, NetworkOptions):
 
     Attributes:
         out: Folder for the result; must not exist, unless with --force or --resume.
-        view: Open the result in the Rerun viewer (extra: viewer).
         replace: Replace the results in DIR, and start interrupted work from the beginning.
         resume: Continue where the same command was interrupted, or start.
     """
 
     out: Annotated[Path, Parameter(metavar="DIR", group=_MAKES)]
-    view: Annotated[bool, Parameter(group=_MAKES)] = False
     replace: Annotated[bool, Parameter(group=_AGAIN)] = False
     resume: Annotated[bool, Parameter(group=_AGAIN)] = False
 
@@ -66,7 +64,6 @@ class SolveOptions(SettingsOptions):
 
     Attributes:
         out: Folder for the new result; must not exist, unless with --force.
-        view: Open the result in the Rerun viewer (extra: viewer).
         replace: Replace the results in DIR.
         exclude: Leave out a camera, or without a name all of them, from second A to B. May be given several times.
         keep_person: Keep only this person.
@@ -74,7 +71,6 @@ class SolveOptions(SettingsOptions):
     """
 
     out: Annotated[Path, Parameter(metavar="DIR", group=_MAKES)]
-    view: Annotated[bool, Parameter(group=_MAKES)] = False
     replace: Annotated[bool, Parameter(group=_MAKES)] = False
     exclude: Annotated[tuple[str, ...], Parameter(metavar="[CAMERA:]A-B", validator=_check_excluded)] = ()
     keep_person: Annotated[int | None, Parameter(metavar="ID", validator=_check_id)] = None
