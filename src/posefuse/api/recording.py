@@ -307,29 +307,10 @@ class Recording(core.Recording):
 
     @property
     def edits(self) -> Edits:
-        """The corrections kept with it where it was read from, else those that it was made with.
-
-        Raises:
-            InputError: a file of edits that posefuse did not write. ConfigError: a wrong value in it.
-        """
-        from posefuse.pipeline.edits import read_edits
+        """The corrections that it was made with."""
         from posefuse.pipeline.solve import edits_of
 
-        kept = None if self.path is None else read_edits(self.path)
-        return edits_of(self.provenance) if kept is None else kept
-
-    def keep_edits(self, edits: Edits) -> Path:
-        """Keep corrections with the result, in place of earlier ones, for the next `posefuse.solve`; returns their file.
-
-        Raises:
-            InputError: edits about what is not there, a recording in memory only, or a file that cannot be written.
-        """
-        from posefuse.pipeline.edits import check_edits, write_edits
-
-        if self.path is None:
-            raise InputError("keep_edits: expected a recording that was read from a file or saved")
-        check_edits(edits, self)
-        return write_edits(self.path, edits)
+        return edits_of(self.provenance)
 
     def gait(self) -> tuple[Gait | None, ...]:
         """Foot strikes, steps and strides of each person, in the order of `poses.person_id`; None for one who does not walk."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -161,7 +161,7 @@ def solve(
     Args:
         result: result folder, or the .mcap of a live session.
         out: folder for the new result.
-        edits: what is left out, who is kept, and names; None: those kept next to the result, else those it was made with.
+        edits: what is left out, who is kept, and names; None: those it was made with.
         exclude: stretches to leave out, besides those of `edits`.
         keep_person: id of the one person to keep, in place of that of `edits`.
         replace: move an earlier result in `out` to ``NAME.replaced-TIME``.
@@ -193,7 +193,7 @@ def solve(
         chosen = _solve_config(earlier, config, changes, images=session is not None)
         # an hour of them takes much memory, and only observations are solved again
         earlier = dataclasses.replace(earlier, poses=earlier.poses.people(np.zeros(0, np.intp)))
-        used = _edits(path, earlier, edits, exclude, keep_person, note)
+        used = _edits(earlier, edits, exclude, keep_person)
         sinks = build_sinks(chosen.outputs, earlier.poses.skeleton)
         with compiling("tracking", note):
             recording = solve_again(earlier, chosen, used)
@@ -216,22 +216,12 @@ def _solve_config(earlier: core.Recording, config: str | Path | None, changes: M
     return read_config(None if config is None else Path(config), changes, base)
 
 
-def _edits(
-    path: Path,
-    earlier: core.Recording,
-    edits: Edits | None,
-    exclude: Sequence[Exclusion],
-    keep_person: int | None,
-    note: Callable[[str], None],
-) -> Edits:
-    """The edits given, else those kept next to the recording, else those it was made with; the rest on top."""
-    from posefuse.pipeline.edits import NO_EDITS, check_exclusions, edits_path, read_edits
+def _edits(earlier: core.Recording, edits: Edits | None, exclude: Sequence[Exclusion], keep_person: int | None) -> Edits:
+    """The edits given, else those it was made with; the rest on top."""
+    from posefuse.pipeline.edits import check_exclusions
     from posefuse.pipeline.solve import edits_of
 
     check_exclusions(exclude, earlier)
-    if edits is None and (edits := read_edits(path)) not in (None, NO_EDITS):
-        count = len(edits.exclusions)
-        note(f"{edits_path(path)}: what is marked there is left out (stretches: {count}); `edits=Edits()` uses everything")
     base = edits_of(earlier.provenance) if edits is None else edits
     return dataclasses.replace(
         base,

@@ -8,7 +8,6 @@ from typing import Annotated
 from cyclopts import ArgumentCollection, Group, Parameter
 
 import posefuse as pf
-from posefuse.core import InputError
 from posefuse.pipeline.config import TrackConfig
 
 from .options import Figures, NetworkOptions, SettingsOptions, Shown, arguments_of, count, settings_options
@@ -67,14 +66,12 @@ class SolveOptions(SettingsOptions):
         replace: Replace the results in DIR.
         exclude: Leave out a camera, or without a name all of them, from second A to B. May be given several times.
         keep_person: Keep only this person.
-        no_edits: Ignore earlier marks: leave out nothing, keep all people.
     """
 
     out: Annotated[Path, Parameter(metavar="DIR", group=_MAKES)]
     replace: Annotated[bool, Parameter(group=_MAKES)] = False
     exclude: Annotated[tuple[str, ...], Parameter(metavar="[CAMERA:]A-B", validator=_check_excluded)] = ()
     keep_person: Annotated[int | None, Parameter(metavar="ID", validator=_check_id)] = None
-    no_edits: bool = False
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -118,11 +115,9 @@ def solve(result: Path, /, *, options: SolveOptions, terminal: Shown) -> Figures
     Args:
         result: Folder written by `posefuse track`, or the .mcap of `posefuse live --record`.
     """
-    if options.no_edits and (options.exclude or options.keep_person is not None):
-        raise InputError("--no-edits: expected no --exclude and no --keep-person with it")
+    given = arguments_of(pf.solve, options) | {"exclude": [*map(_exclusion, options.exclude)]}
     with terminal.stages() as progress:
-        marks = {"edits": pf.Edits() if options.no_edits else None, "exclude": [*map(_exclusion, options.exclude)]}
-        made = pf.solve(result, **{**arguments_of(pf.solve, options), **marks}, progress=progress)
+        made = pf.solve(result, **given, progress=progress)
     terminal.show(made.summary())
     _next(options.out, terminal)
     terminal.next(f"posefuse compare {quoted(options.out)} {quoted(result)}", "how far the earlier result was from it")

@@ -20,8 +20,9 @@ from posefuse.formats.detection_log import LOG_FILE
 from posefuse.formats.recording import read_recording
 from posefuse.formats.rig import write_rig
 from posefuse.foundation.output_folder import find_unfinished
-from posefuse.pipeline.edits import Edits, Exclusion, write_edits
+from posefuse.pipeline.edits import Edits, Exclusion
 from posefuse_sim.cameras import looking_at
+from posefuse_studio.pages.recording import write_edits
 
 HERE = Path(__file__).parent
 
