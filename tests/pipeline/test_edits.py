@@ -207,12 +207,14 @@ def test_an_exclusion_in_which_there_is_no_frame_is_refused(recording, tmp_path,
     pf.solve(result, tmp_path / "part", edits=Edits(exclusions=(BLOCKED,)), settings={"end_s": 0.4, "outputs": ("csv",)})
 
 
-def test_from_the_shell_what_an_option_leaves_out_comes_on_top_of_earlier_edits(recording, tmp_path) -> None:
+def test_from_the_shell_options_take_the_place_of_earlier_edits(recording, tmp_path) -> None:
     result, out = saved(solve_again(recording, edits=Edits(exclusions=(BLOCKED,))), tmp_path / "result"), tmp_path / "edited"
     line = ["solve", str(result), "--exclude", "cam04:0.7-1.2", "--keep-person", "1", "--outputs", "csv", "--out", str(out)]
     assert main(line) == 0
-    exclusions = (BLOCKED, Exclusion(camera="cam04", start_s=0.7, end_s=1.2))
+    exclusions = (Exclusion(camera="cam04", start_s=0.7, end_s=1.2),)
     assert_same_poses(read_recording(out), solve_again(recording, edits=Edits(exclusions=exclusions, person=1)))
+    assert main([*line[:2], "--outputs", "csv", "--out", str(tmp_path / "same")]) == 0
+    assert_same_poses(read_recording(tmp_path / "same"), read_recording(result))
     assert main(line) == 1  # a result that is there is never replaced in silence
 
 

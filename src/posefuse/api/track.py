@@ -21,7 +21,7 @@ from .recording import Recording, recording_of
 if TYPE_CHECKING:
     from posefuse.pipeline.batch import Study
     from posefuse.pipeline.config import TrackConfig
-    from posefuse.pipeline.edits import Edits, Exclusion
+    from posefuse.pipeline.edits import Edits
 
 FORMATS = ("trc", "c3d", "csv")
 _NEED_IMAGES = ("overlay",)
@@ -147,8 +147,6 @@ def solve(
     out: str | Path,
     *,
     edits: Edits | None = None,
-    exclude: Sequence[Exclusion] = (),
-    keep_person: int | None = None,
     replace: bool = False,
     config: str | Path | None = None,
     settings: Mapping[str, Any] | None = None,
@@ -162,8 +160,6 @@ def solve(
         result: result folder, or the .mcap of a live session.
         out: folder for the new result.
         edits: what is left out, who is kept, and names; None: those it was made with.
-        exclude: stretches to leave out, besides those of `edits`.
-        keep_person: id of the one person to keep, in place of that of `edits`.
         replace: move an earlier result in `out` to ``NAME.replaced-TIME``.
         config: settings file, on top of the settings of the result.
         settings: settings by dotted key, on top of both; ``start_s`` and ``end_s`` select a part.
@@ -176,12 +172,13 @@ def solve(
     Examples:
         >>> import posefuse as pf
         >>> blocked = pf.Exclusion(camera="cam02", start_s=1.5, end_s=2.5)
-        >>> again = pf.solve("RESULT", "SECOND", exclude=[blocked])  # doctest: +SKIP
+        >>> again = pf.solve("RESULT", "SECOND", edits=pf.Edits(exclusions=(blocked,)))  # doctest: +SKIP
     """
     from posefuse.foundation.compiled import compiling
     from posefuse.foundation.output_folder import output_folder
+    from posefuse.pipeline.edits import check_exclusions
     from posefuse.pipeline.reading import files_of_result, read_result
-    from posefuse.pipeline.solve import REFINED, solve_again
+    from posefuse.pipeline.solve import REFINED, edits_of, solve_again
     from posefuse.pipeline.track import refined_line
     from posefuse.pipeline.writing import build_sinks, nearby_session, warn_of_failures, write_result
 
@@ -193,7 +190,9 @@ def solve(
         chosen = _solve_config(earlier, config, changes, images=session is not None)
         # an hour of them takes much memory, and only observations are solved again
         earlier = dataclasses.replace(earlier, poses=earlier.poses.people(np.zeros(0, np.intp)))
-        used = _edits(earlier, edits, exclude, keep_person)
+        if edits is not None:
+            check_exclusions(edits.exclusions, earlier)
+        used = edits_of(earlier.provenance) if edits is None else edits
         sinks = build_sinks(chosen.outputs, earlier.poses.skeleton)
         with compiling("tracking", note):
             recording = solve_again(earlier, chosen, used)
@@ -214,20 +213,6 @@ def _solve_config(earlier: core.Recording, config: str | Path | None, changes: M
     outputs = options_by_name(DEFAULT_OUTPUTS if earlier.is_live else base.get("outputs") or ())
     base["outputs"] = {name: one for name, one in outputs.items() if images or name not in _NEED_IMAGES}
     return read_config(None if config is None else Path(config), changes, base)
-
-
-def _edits(earlier: core.Recording, edits: Edits | None, exclude: Sequence[Exclusion], keep_person: int | None) -> Edits:
-    """The edits given, else those it was made with; the rest on top."""
-    from posefuse.pipeline.edits import check_exclusions
-    from posefuse.pipeline.solve import edits_of
-
-    check_exclusions(exclude, earlier)
-    base = edits_of(earlier.provenance) if edits is None else edits
-    return dataclasses.replace(
-        base,
-        exclusions=(*base.exclusions, *exclude),
-        person=base.person if keep_person is None else keep_person,
-    )
 
 
 @checked

@@ -64,7 +64,8 @@ class SolveOptions(SettingsOptions):
     Attributes:
         out: Folder for the new result; must not exist, unless with --force.
         replace: Replace the results in DIR.
-        exclude: Leave out a camera, or without a name all of them, from second A to B. May be given several times.
+        exclude: Leave out a camera, or without a name all of them, from second A to B. May be given several times. This and
+            --keep-person take the place of what RESULT was made with.
         keep_person: Keep only this person.
     """
 
@@ -115,7 +116,8 @@ def solve(result: Path, /, *, options: SolveOptions, terminal: Shown) -> Figures
     Args:
         result: Folder written by `posefuse track`, or the .mcap of `posefuse live --record`.
     """
-    given = arguments_of(pf.solve, options) | {"exclude": [*map(_exclusion, options.exclude)]}
+    edits = pf.Edits(exclusions=tuple(map(_exclusion, options.exclude)), person=options.keep_person)
+    given = {**arguments_of(pf.solve, options), "edits": None if edits == pf.Edits() else edits}
     with terminal.stages() as progress:
         made = pf.solve(result, **given, progress=progress)
     terminal.show(made.summary())
