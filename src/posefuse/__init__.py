@@ -19,7 +19,6 @@ if TYPE_CHECKING:
     from posefuse_teleop.api import teleoperate
 
     from .api.calibrate import calibrate_clocks, calibrate_extrinsics, calibrate_intrinsics, calibrate_person, verify
-    from .api.catalogue import recordings
     from .api.compare import compare
     from .api.live import live
     from .api.live_run import track_live
@@ -38,7 +37,7 @@ __all__ = [
     "PosefuseError", "Progress", "Recording", "Rig", "Skeleton", "__version__", "batch", "calibrate_clocks",
     "calibrate_extrinsics", "calibrate_intrinsics", "calibrate_person", "camera_node", "compare", "demo_session",
     "detector", "doctor", "fusion_node", "gazebo_world", "live", "models", "plan", "plugins", "print_target", "read",
-    "read_rig", "record", "recordings", "resume_recording", "simulate", "solve", "teleoperate", "track", "track_live",
+    "read_rig", "record", "resume_recording", "simulate", "solve", "teleoperate", "track", "track_live",
     "triangulate", "verify",
 ]  # fmt: skip
 

@@ -16,7 +16,6 @@ GROUPS: tuple[tuple[str, tuple[str, ...]], ...] = (
             "Recording",
             "Edits",
             "Exclusion",
-            "recordings",
             "batch",
             "compare",
             "plan",

@@ -145,6 +145,23 @@ class Recording(core.Recording):
         return (len(self.poses) - 1) / self.duration_s if self.duration_s > 0 else float("nan")
 
     @property
+    def recorded_utc(self) -> str:
+        """When the camera stated that it recorded, or the live session began, as ``2026-01-31T12:00:00Z``; empty if not known."""
+        from posefuse.outputs.provenance import recorded_utc
+
+        return recorded_utc(self.provenance)
+
+    def quality(self) -> dict[str, Any]:
+        """How long, complete and exact it is; NaN where that is not known.
+
+        duration_s, time_steps, cameras, people, present_share (of keypoints and time steps), median_sigma_mm,
+        median_reprojection_px.
+        """
+        from posefuse.pipeline.batch.page import quality_figures
+
+        return quality_figures(self.poses, len(self.rig))
+
+    @property
     def t_s(self) -> Array:
         """(T,) session seconds, as in files and in `Exclusion`."""
         return self.poses.t_ns * 1e-9
