@@ -14,7 +14,7 @@ import numpy as np
 from posefuse.core import InputError, ShapeError
 from posefuse.core.arrays import Array, frozen_fields
 from posefuse.core.errors import choices
-from posefuse.foundation.parsing import one_line, read_any_text, short
+from posefuse.foundation.parsing import one_line, read_text, short
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -39,7 +39,7 @@ class NamedPoints:
 # Named points over time in CSV: one row per time step (wide), or one row per time step, person and keypoint (long).
 #
 # As spreadsheets save it in any country: separated by comma, semicolon or tab; with ``;`` and tab numbers may have decimal
-# commas; UTF-8, UTF-16 or Windows Latin-1.
+# commas.
 
 _DELIMITERS = ",;\t"
 _LONG_COLUMNS = {"t_s", "person", "keypoint", "x_m", "y_m", "z_m"}
@@ -66,7 +66,7 @@ class _Table:
 
     def __init__(self, path: Path) -> None:
         self.path = path
-        lines = [line for line in read_any_text(path).splitlines() if line.strip() and not line.startswith("#")]
+        lines = [line for line in read_text(path).splitlines() if line.strip() and not line.startswith("#")]
         delimiter = max(_DELIMITERS, key=lines[0].count) if lines else ","
         try:
             rows = list(csv.reader((line.replace("\0", "") for line in lines), delimiter=delimiter))

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import codecs
 import json
 import math
 import reprlib
@@ -19,7 +18,6 @@ MOST_YAML_VALUES = 1_000_000
 _MOST_DIGITS, _MOST_INTEGER = 20, 2**63 - 1
 # longest part of a value in a message, and longest message of a library, characters
 _MOST_SHOWN, _MOST_SAID = 100, 400
-_UTF16_MARKS = (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)
 
 
 def read_text(path: Path, error: type[InputError] = InputError) -> str:
@@ -30,7 +28,9 @@ def read_text(path: Path, error: type[InputError] = InputError) -> str:
         raise error(f"{path}: no such file") from None
     except IsADirectoryError:
         raise error(f"{path}: is a folder; expected a file") from None
-    except (OSError, UnicodeDecodeError) as problem:
+    except UnicodeDecodeError as problem:
+        raise error(f"{path}: cannot be read as text ({problem}); save it as UTF-8") from None
+    except OSError as problem:
         raise error(f"{path}: cannot be read as text ({problem})") from None
 
 
@@ -40,21 +40,6 @@ def read_bytes(path: Path) -> bytes:
         return path.read_bytes()
     except OSError as problem:
         raise InputError(f"{path}: cannot be read ({problem.strerror})") from None
-
-
-def read_any_text(path: Path) -> str:
-    """The text of a table as spreadsheets save it: UTF-8, UTF-16 with a byte order mark, else Windows Latin-1.
-
-    Raises:
-        InputError: it cannot be read.
-    """
-    content = read_bytes(path)
-    if content.startswith(_UTF16_MARKS):
-        return content.decode("utf-16", errors="replace")
-    try:
-        return content.decode("utf-8-sig")
-    except UnicodeDecodeError:
-        return content.decode("cp1252", errors="replace")
 
 
 def parse_toml(where: str, text: str, error: type[InputError] = InputError) -> dict[str, Any]:
