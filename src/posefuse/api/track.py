@@ -193,7 +193,7 @@ def solve(
         if edits is not None:
             check_exclusions(edits.exclusions, earlier)
         used = edits_of(earlier.provenance) if edits is None else edits
-        sinks = build_sinks(chosen.outputs, earlier.poses.skeleton)
+        sinks = build_sinks(chosen.outputs)
         with compiling("tracking", note):
             recording = solve_again(earlier, chosen, used)
         if REFINED in recording.provenance:

@@ -98,7 +98,7 @@ def track_session(
         fetch_networks(config.detector, progress)
     files, failed = list[Path](), dict[str, str]()
     with closing(open_session(session, config)) as opened:
-        sinks = [] if out is None else build_sinks(config.outputs, opened.skeleton)
+        sinks = [] if out is None else build_sinks(config.outputs)
         with compiling("tracking", lambda line: progress("detect", 0, None, line)):
             warm_up(opened)
         start_up_s = time.perf_counter() - began_s
