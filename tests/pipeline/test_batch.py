@@ -12,7 +12,6 @@ import warnings
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack
 from pathlib import Path
-from typing import Any
 
 import pytest
 from checks import refusal
@@ -27,7 +26,6 @@ from posefuse.foundation.channel import Channel
 from posefuse.foundation.worker import Worker
 from posefuse.pipeline.batch import find_trials, processes, run_study, tasks
 from posefuse.pipeline.batch import study as study_module
-from posefuse.pipeline.batch.page import study_page
 from posefuse.pipeline.batch.processes import outcomes_here, run_trial
 from posefuse.pipeline.batch.tasks import Outcome, Task, run_task
 from posefuse.pipeline.config import read_config
@@ -131,7 +129,7 @@ def test_a_failure_is_named_and_the_rest_is_finished(folder: Path, here: list[st
     assert [row["time_steps"] for row in rows] == [str(FRAMES), str(FRAMES), "", str(FRAMES)]
     assert (tmp_path / "out" / "P01" / "fast" / "pose.trc").is_file()
     assert len(pf.read(tmp_path / "out" / "P02" / "slow").poses) == FRAMES
-    assert "broken" in (tmp_path / "out" / "study.html").read_text(encoding="utf-8")
+    assert "P02/broken" in rows[2]["reason"]
 
 
 def test_the_command_shows_the_reason_of_a_failure_once(folder, here, tmp_path, capsys) -> None:
@@ -306,15 +304,6 @@ def test_processes_end_when_no_more_outcomes_are_wanted(folder: Path, tmp_path: 
     orphan.channel.close()
     orphan._process.wait(60)
     assert not (tmp_path / "out").exists()
-
-
-def test_means_are_of_participants_and_not_of_trials() -> None:
-    done = {"status": "complete", "reason": "", "seconds": 1.0, "warnings": ""}
-    speeds = [("A", 1.0), ("A", 1.0), ("A", 1.0), ("B", 2.0)]
-    rows = [done | {"participant": who, "trial": str(i), "speed_m_s": speed} for i, (who, speed) in enumerate(speeds)]
-    table: Any = next(block for block in study_page("study", rows).blocks if getattr(block, "columns", ("",))[0] == "parameter")
-    assert table.rows[0][1].startswith("1.50 ± 0.71 (2)")
-    assert table.rows[0][2].startswith("1.00 ± 0.00 (3)")
 
 
 def test_at_least_one_trial_fits_into_a_machine(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -157,7 +157,7 @@ class Recording(core.Recording):
         duration_s, time_steps, cameras, people, present_share (of keypoints and time steps), median_sigma_mm,
         median_reprojection_px.
         """
-        from posefuse.pipeline.batch.page import quality_figures
+        from posefuse.pipeline.batch.figures import quality_figures
 
         return quality_figures(self.poses, len(self.rig))
 

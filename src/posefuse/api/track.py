@@ -237,7 +237,7 @@ def batch(
 
     Args:
         study: folder with sessions below it, e.g. ``P01/walk1``; a calibration may lie with the session or above it.
-        out: folder for the results: a result folder per trial, the table ``study.csv`` and the page ``study.html``.
+        out: folder for the results: a result folder per trial, and the table ``study.csv``.
         networks: as in `track`. device: the same.
         formats: outputs of each trial, see `posefuse plugins`; None: those of `config`, else trc, c3d and csv.
         report: write joint angles, gait and the report of each trial.

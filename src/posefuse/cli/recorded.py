@@ -156,7 +156,7 @@ def demo(
 
 @settings_options("options", TrackConfig, {"outputs": "outputs A,B,..."})
 def batch(study: Path, /, *, options: BatchOptions, terminal: Shown) -> Figures:
-    """Track every session below a folder (participant/trial), with one table and a summary page over participants.
+    """Track every session below a folder (participant/trial), with one table.
 
     A trial that fails is named and the rest is finished. The same command continues where it was interrupted.
 
@@ -166,5 +166,5 @@ def batch(study: Path, /, *, options: BatchOptions, terminal: Shown) -> Figures:
     with terminal.stages() as progress:
         done = pf.batch(study, **arguments_of(pf.batch, options), report=not options.no_report, progress=progress)
     terminal.show(done.summary())
-    terminal.next(f"open {done.page} in a browser", f"the summary; {done.table.name} in the same folder holds the numbers")
+    terminal.next(f"open {done.table} in a spreadsheet", "status and numbers of every trial; each has a report of its own")
     return {"out": done.out, "trials": done.rows(), "kept": done.kept, "failed": dict(done.failed)}

@@ -26,7 +26,7 @@ from posefuse.pipeline.session import KINDS, RIG_FOLDERS, data_entries, find_ses
 from posefuse.pipeline.track import track_session
 from posefuse.pipeline.writing import report_folder, write_report_folder
 
-from .page import recording_figures
+from .figures import recording_figures
 
 # Which sessions a study has: every folder below it with data of cameras.
 
