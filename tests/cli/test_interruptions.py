@@ -22,7 +22,7 @@ from posefuse.core.skeleton import COCO17
 from posefuse.formats.detection_log import LOG_FILE, read_log
 from posefuse.formats.recording import read_recording
 from posefuse.formats.rig import read_rig, write_rig
-from posefuse.foundation.output_folder import MARK_FILE, find_unfinished
+from posefuse.foundation.output_folder import MARK_FILE, FolderMark, find_unfinished, write_mark
 from posefuse.pipeline.solve import solve_again
 
 STEPS, K = 40, len(COCO17)
@@ -148,6 +148,20 @@ def test_detections_are_kept_and_resume_gives_the_same_bytes(track: Tracker, tmp
     said = "an earlier run was interrupted; --resume continues it, --force starts from the beginning"
     assert refused.stderr.strip().endswith(said)
     check_completed(track, out)
+
+
+def test_a_run_that_was_to_replace_a_result_is_continued(track: Tracker, tmp_path: Path) -> None:
+    """--resume was refused for the result that the interrupted run was asked to replace, and --force dropped its detections."""
+    out = tmp_path / "result"
+    for name, content in track.whole.items():
+        out.mkdir(exist_ok=True)
+        (out / name).write_bytes(content)
+    write_mark(out, FolderMark(command="track"))
+    ended = track(out, "--force", at=([*DETECTING, "SIGINT"],))
+    assert ended.returncode == 130 and results(out) == track.whole
+    check_completed(track, out)
+    [aside] = tmp_path.glob("result.replaced-*")
+    assert results(aside) == track.whole
 
 
 @pytest.mark.slow

@@ -43,6 +43,11 @@ class ResultFolder:
     force: bool = False
     resume: bool = False
 
+    @property
+    def replace(self) -> bool:
+        """Whether an older result may be moved aside: as the interrupted run that is continued was allowed to."""
+        return self.force or (self.resume and unfinished_work(self.path) is not None)
+
     def check(self, session: Session, config: TrackConfig) -> None:
         """Check the outputs and everything about the folder before any work is done.
 
@@ -53,7 +58,7 @@ class ResultFolder:
         """
         build_sinks(config.outputs)
         check_outside_inputs(self.path, session.files)
-        check_replaceable(self.path, command="track", replace=self.force)
+        check_replaceable(self.path, command="track", replace=self.replace)
         self._unfinished()
 
     @contextmanager
@@ -72,7 +77,7 @@ class ResultFolder:
                     self.path,
                     command="track",
                     inputs=opened.session.files,
-                    replace=self.force,
+                    replace=self.replace,
                     estimated_bytes=estimated_result_bytes(opened, 1),
                     keep_unfinished=True,
                     unfinished=unfinished,
