@@ -33,9 +33,12 @@ def test_separators_and_decimals_of_any_country(tmp_path: Path, text: str) -> No
     np.testing.assert_array_equal(data.xyz_world, [[[1.5, 2.5, -3.5]], [[1.6, np.nan, np.nan]]])
 
 
-def test_names_in_latin_1(tmp_path: Path) -> None:
-    (tmp_path / "a.csv").write_bytes(german(WIDE).replace("Knie", "Hüfte").encode("latin-1"))
+def test_names_in_utf_8_alone(tmp_path: Path) -> None:
+    named = german(WIDE).replace("Knie", "Hüfte")
+    (tmp_path / "a.csv").write_bytes(named.encode("utf-8-sig"))
     assert read_points_csv(tmp_path / "a.csv").names == ("Hüfte",)
+    (tmp_path / "a.csv").write_bytes(named.encode("latin-1"))
+    refusal(InputError, r"a\.csv: cannot be read as text .*; save it as UTF-8", read_points_csv, tmp_path / "a.csv")
 
 
 @pytest.mark.parametrize("text", [LONG, german(LONG)])

@@ -255,7 +255,7 @@ def test_a_study_has_the_network_that_was_chosen(tmp_path: Path, started: list[t
     visited(tmp_path, "/recordings", use)
     [(_, arguments)] = started
     tracked: list[Any] = []
-    study = SimpleNamespace(failed={}, trials=(), page=tmp_path / "study")
+    study = SimpleNamespace(failed={}, trials=(), table=tmp_path / "study")
     monkeypatch.setattr(work.pf, "batch", lambda *_, networks, **__: [tracked.append(networks), study][1])
     for one in (arguments, {**arguments, "networks": ""}):
         work.batch_job(one, StudioWorkspace(tmp_path), lambda *_: None)
