@@ -19,13 +19,12 @@ if TYPE_CHECKING:
     from posefuse_teleop.api import teleoperate
 
     from .api.calibrate import calibrate_clocks, calibrate_extrinsics, calibrate_intrinsics, calibrate_person, verify
-    from .api.catalogue import recordings
     from .api.compare import compare
     from .api.live import live
     from .api.live_run import track_live
     from .api.machine import doctor, models, plugins
     from .api.record import record, resume_recording
-    from .api.recording import JointAngles, Recording, read, view
+    from .api.recording import JointAngles, Recording, read
     from .api.rig_and_detector import Rig, detector, read_rig
     from .api.targets import print_target
     from .api.track import batch, demo_session, solve, track
@@ -38,8 +37,8 @@ __all__ = [
     "PosefuseError", "Progress", "Recording", "Rig", "Skeleton", "__version__", "batch", "calibrate_clocks",
     "calibrate_extrinsics", "calibrate_intrinsics", "calibrate_person", "camera_node", "compare", "demo_session",
     "detector", "doctor", "fusion_node", "gazebo_world", "live", "models", "plan", "plugins", "print_target", "read",
-    "read_rig", "record", "recordings", "resume_recording", "simulate", "solve", "teleoperate", "track", "track_live",
-    "triangulate", "verify", "view",
+    "read_rig", "record", "resume_recording", "simulate", "solve", "teleoperate", "track", "track_live",
+    "triangulate", "verify",
 ]  # fmt: skip
 
 

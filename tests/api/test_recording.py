@@ -66,23 +66,10 @@ def test_saving_does_not_touch_what_is_there(make_recording: Make, tmp_path: Pat
     assert (tmp_path / "result" / "thesis.txt").read_text() == "years of work"
 
 
-def test_corrections_are_kept_with_a_result_until_they_are_changed(saved_walk: tuple[Path, Path], make_recording: Make) -> None:
-    _, result = saved_walk
-    recording, left_out = pf.read(result), pf.Edits(exclusions=(pf.Exclusion(start_s=0.2, end_s=0.4, camera="cam01"),))
-    assert recording.edits == pf.Edits()
-    assert recording.keep_edits(left_out).parent == result
-    elsewhere = pf.Edits(exclusions=(pf.Exclusion(start_s=0.2, end_s=0.4, camera="cam9"),))
-    refusal(InputError, "no camera 'cam9'", recording.keep_edits, elsewhere)
-    assert pf.read(result).edits == recording.edits == left_out
-    memory = make_recording()
-    refusal(InputError, "read from a file or saved", memory.keep_edits, pf.Edits())
-    made = replace(memory, provenance={**memory.provenance, "edits": {"person": 7}})
-    assert (memory.edits, made.edits) == (pf.Edits(), pf.Edits(person=7))
-    # all corrections taken back is what was kept last
-    made = replace(made, path=result)
-    assert made.edits == left_out
-    recording.keep_edits(pf.Edits())
-    assert made.edits == pf.Edits()
+def test_a_recording_knows_the_corrections_that_it_was_made_with(make_recording: Make) -> None:
+    recording = make_recording()
+    made = replace(recording, provenance={**recording.provenance, "edits": {"person": 7}})
+    assert (recording.edits, made.edits) == (pf.Edits(), pf.Edits(person=7))
 
 
 def test_its_report_has_a_usual_place(saved_walk: tuple[Path, Path], make_recording: Make, tmp_path: Path) -> None:

@@ -99,7 +99,6 @@ def test_what_a_plugin_cannot_do_is_an_error_before_any_work(monkeypatch: pytest
     monkeypatch.setattr("posefuse.pipeline.track.detect", lambda *_, **__: pytest.fail("work was done"))
     announce(monkeypatch, EntryPoint("dict", "tests.architecture.test_docs:Useless", "posefuse.detectors"))
     for settings, line in (
-        ({"detector.name": "lamp"}, "skeleton lamp: no keypoint 'nose'; there are: left_wrist"),
         ({"detector.name": "lamp", "outputs.height.keypint": "nose"}, "unknown key 'keypint'; there are: keypoint"),
         ({"detector.name": "dict"}, "dict among detectors: dict lacks skeleton, joint_centres, detect of core.Detector"),
     ):

@@ -17,7 +17,7 @@ SHARED = {
     "a command, the Python function and the stage behind it": {
         "batch", "calibrate_clocks", "calibrate_extrinsics", "calibrate_intrinsics", "calibrate_person", "compare", "doctor",
         "fetch_networks", "fit_noise", "live", "models", "plugins", "record", "simulate", "solve", "teleoperate", "track",
-        "verify", "view",
+        "verify",
     },
     "a compiled kernel and the function that calls it": {"agreement", "solve_robust"},
     "one operation in the second pass and live": {"hold_bones"},

@@ -205,7 +205,7 @@ def test_one_refused_camera_loses_no_other(watched: Watched, tmp_path: Path, mon
     words = ("intrinsics", "--target", str(target), "--out", str(out))
     with pytest.raises(RefusedCalibration, match="camera cam02: target seen: expected at least 4 views") as refused:
         run(*words, *(f"{name}={name}.mp4" for name in seen))
-    assert "cam04" in refused.value.__notes__[0] and refused.value.__notes__[1].startswith("next: ")
+    assert "cam04" in refused.value.__notes__[0]
     assert read_rig(out).names == ("cam01", "cam03")
     before = read_rig(out)["cam01"].K
     seen["cam02"] = good

@@ -22,7 +22,7 @@ from posefuse.core.skeleton import COCO17
 from posefuse.formats.detection_log import LOG_FILE, read_log
 from posefuse.formats.recording import read_recording
 from posefuse.formats.rig import read_rig, write_rig
-from posefuse.foundation.output_folder import MARK_FILE, find_unfinished
+from posefuse.foundation.output_folder import MARK_FILE, FolderMark, find_unfinished, write_mark
 from posefuse.pipeline.solve import solve_again
 
 STEPS, K = 40, len(COCO17)
@@ -120,7 +120,8 @@ def test_a_stored_result_solves_again_to_the_last_bit(track: Tracker, tmp_path: 
     [
         pytest.param([[*DETECTING, "SIGKILL"]], id="killed while detecting"),
         pytest.param([[*SOLVING, "SIGTERM"]], id="terminated while solving", marks=pytest.mark.slow),
-        pytest.param([[*DETECTING, "SIGINT"], [*SOLVING, "SIGINT"]], id="Ctrl-C twice"),
+        pytest.param([[*DETECTING, "SIGINT"]], id="Ctrl-C while detecting"),
+        pytest.param([[*DETECTING, "SIGTERM"]], id="terminated while detecting", marks=pytest.mark.slow),
         pytest.param([[*STORING, "full"]], id="disk full while detecting", marks=pytest.mark.slow),
         pytest.param([[*SOLVING, "SIGKILL"]], id="killed while solving", marks=pytest.mark.slow),
         pytest.param([[*WRITING, "SIGINT"]], id="Ctrl-C while writing", marks=pytest.mark.slow),
@@ -149,17 +150,18 @@ def test_detections_are_kept_and_resume_gives_the_same_bytes(track: Tracker, tmp
     check_completed(track, out)
 
 
-@pytest.mark.parametrize(("request_", "code"), [("SIGINT", 130), pytest.param("SIGTERM", 143, marks=pytest.mark.slow)])
-def test_the_first_ctrl_c_or_sigterm_writes_the_part_so_far_and_resume_completes_it(
-    track: Tracker, tmp_path: Path, request_: str, code: int
-) -> None:
+def test_a_run_that_was_to_replace_a_result_is_continued(track: Tracker, tmp_path: Path) -> None:
+    """--resume was refused for the result that the interrupted run was asked to replace, and --force dropped its detections."""
     out = tmp_path / "result"
-    ended = track(out, "--json", at=([*DETECTING, request_],))
-    assert ended.returncode == code, ended.stderr
-    assert json.loads(ended.stdout)["interrupted"] is True
-    part = read_recording(out)
-    assert 2 <= len(part.poses) < STEPS
+    for name, content in track.whole.items():
+        out.mkdir(exist_ok=True)
+        (out / name).write_bytes(content)
+    write_mark(out, FolderMark(command="track"))
+    ended = track(out, "--force", at=([*DETECTING, "SIGINT"],))
+    assert ended.returncode == 130 and results(out) == track.whole
     check_completed(track, out)
+    [aside] = tmp_path.glob("result.replaced-*")
+    assert results(aside) == track.whole
 
 
 @pytest.mark.slow

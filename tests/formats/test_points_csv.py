@@ -38,3 +38,11 @@ def test_columns_by_name_and_what_is_missing(tmp_path: Path, text: str) -> None:
 def test_other_tables_are_one_line(tmp_path: Path, text: str, problem: str) -> None:
     (tmp_path / "a.csv").write_text(text)
     refusal(InputError, problem, read_tracks, tmp_path / "a.csv")
+
+
+def test_names_in_utf_8_alone(tmp_path: Path) -> None:
+    table = "t_s,Hüfte_x,Hüfte_y,Hüfte_z\n0,1,2,3\n"
+    (tmp_path / "a.csv").write_bytes(table.encode("utf-8-sig"))
+    assert read_points_csv(tmp_path / "a.csv").names == ("Hüfte",)
+    (tmp_path / "a.csv").write_bytes(table.encode("latin-1"))
+    refusal(InputError, r"a\.csv: cannot be read as text .*; save it as UTF-8", read_points_csv, tmp_path / "a.csv")

@@ -4,14 +4,12 @@ import os
 import signal
 import subprocess
 import sys
-from concurrent.futures import ProcessPoolExecutor
-from multiprocessing import get_context
 
 import pytest
 from running import python
 
 from posefuse.foundation import requests_to_end
-from posefuse.foundation.requests_to_end import HANG_UP, REQUESTS_TO_END, children_ignore_requests, heeded
+from posefuse.foundation.requests_to_end import HANG_UP, REQUESTS_TO_END, heeded
 
 PATIENCE_S = 60.0
 
@@ -65,13 +63,3 @@ time.sleep(600)
     done = python("-c", script)
     assert (done.returncode, done.stdout) == (143, "alive\n"), done.stderr
     assert requests_to_end._GRACE_S > 10
-
-
-def test_a_process_ignores_ctrl_c_from_its_first_moment() -> None:
-    """What it imports before its own first line could not handle it, and would be printed as a trace."""
-    signal.signal(signal.SIGINT, signal.default_int_handler)
-    with ProcessPoolExecutor(1, get_context("spawn")) as other:
-        with children_ignore_requests():
-            asked = other.submit(signal.getsignal, signal.SIGINT)
-        assert asked.result(60) == signal.SIG_IGN
-    assert signal.getsignal(signal.SIGINT) is signal.default_int_handler

@@ -9,7 +9,6 @@ import pytest
 
 import posefuse as pf
 from posefuse.formats.detection_log import LOG_FILE, read_log
-from posefuse.pipeline.edits import read_edits
 
 GOLDEN = Path(__file__).with_name("recordings")
 FACTS = json.loads((GOLDEN / "facts.json").read_text(encoding="utf-8"))
@@ -34,6 +33,9 @@ def test_a_stored_result_is_read_and_solves_again_to_the_same_poses(result: Path
 
 
 def test_stored_edits_are_read(result: Path) -> None:
+    pytest.importorskip("nicegui", reason="the extra studio is not installed")
+    from posefuse_studio.pages.recording import read_edits
+
     edits = read_edits(result)
     assert edits.names == ("Ada",) and edits.person == 0
     assert [(one.start_s, one.end_s, one.camera) for one in edits.exclusions] == [(0.1, 0.2, "cam1")]

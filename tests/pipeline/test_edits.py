@@ -1,7 +1,6 @@
 """Corrections by hand: what a second solve leaves out, whom it keeps, and where that is written down."""
 
 import dataclasses
-import json
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -24,7 +23,7 @@ from posefuse.core.skeleton import COCO17
 from posefuse.formats.recording import read_recording, write_recording
 from posefuse.foundation.parsing import plain
 from posefuse.pipeline.config import TrackConfig, changed_config
-from posefuse.pipeline.edits import Edits, Exclusion, edits_path, read_edits, used_frames, write_edits
+from posefuse.pipeline.edits import Edits, Exclusion, used_frames
 from posefuse.pipeline.solve import REFINED, edits_of, solve, solve_again
 from posefuse.pipeline.track import refined_line
 
@@ -194,7 +193,7 @@ def saved(recording: Recording, folder: Path) -> Path:
 
 @pytest.mark.parametrize("person", [None, 0])
 def test_exclusions_that_leave_no_one_are_named(recording: Recording, person: int | None) -> None:
-    """They may come from the file next to the result: the line was that no person could be followed, as of a bad calibration."""
+    """The line was that no person could be followed, as of a bad calibration."""
     exclusions = (Exclusion(start_s=0.1, end_s=9.0), Exclusion(camera="cam02", start_s=-1.0, end_s=0.5))
     words = "left out are all cameras from 0.1 to 9 s, cam02 from -1 to 0.5 s; exclude less"
     refusal(InputError, words, solve_again, recording, edits=Edits(exclusions=exclusions, person=person))
@@ -204,46 +203,19 @@ def test_an_exclusion_in_which_there_is_no_frame_is_refused(recording, tmp_path,
     result = saved(recording, tmp_path / "result")
     shown = error(capsys, "solve", result, "--exclude", "50-60", "--out", tmp_path / "out")
     assert "no frame of any camera from 50 to 60 s; the recording is from 0.00 to 1.47 s" in shown
-    # one that was kept for the whole of it may lie outside the part that is solved
-    write_edits(result, Edits(exclusions=(BLOCKED,)))
-    assert main(["solve", str(result), "--end", "0.4", "--outputs", "csv", "--out", str(tmp_path / "part")]) == 0
+    # one of the whole of it may lie outside the part that is solved
+    pf.solve(result, tmp_path / "part", edits=Edits(exclusions=(BLOCKED,)), settings={"end_s": 0.4, "outputs": ("csv",)})
 
 
-def test_another_file_of_this_name_is_never_written_over(recording: Recording, tmp_path: Path) -> None:
-    result = saved(recording, tmp_path / "result")
-    edits_path(result).write_text(json.dumps({"mine": 1}))
-    refusal(InputError, "not edits of posefuse", lambda: write_edits(result, Edits(person=0)))
-    assert json.loads(edits_path(result).read_text()) == {"mine": 1}
-    edits_path(result).write_text(json.dumps({"format": "posefuse edits", "person": -2}))
-    refusal(ConfigError, "person", read_edits, result)
-
-
-def test_edits_of_a_live_session_lie_next_to_it(tmp_path: Path) -> None:
-    live = tmp_path / "walk.mcap"
-    live.write_bytes(b"")
-    assert write_edits(live, Edits(person=3)) == tmp_path / "walk.edits.json"
-    assert read_edits(live) == Edits(person=3)
-
-
-def test_from_the_shell_marks_and_options_are_used_together(recording, tmp_path, capsys) -> None:
-    result, out = saved(recording, tmp_path / "result"), tmp_path / "edited"
-    write_edits(result, Edits(exclusions=(BLOCKED,)))
+def test_from_the_shell_options_take_the_place_of_earlier_edits(recording, tmp_path) -> None:
+    result, out = saved(solve_again(recording, edits=Edits(exclusions=(BLOCKED,))), tmp_path / "result"), tmp_path / "edited"
     line = ["solve", str(result), "--exclude", "cam04:0.7-1.2", "--keep-person", "1", "--outputs", "csv", "--out", str(out)]
     assert main(line) == 0
-    assert "left out (stretches: 1); --no-edits uses everything" in capsys.readouterr().err
-    news: list[str] = []
-    pf.solve(result, tmp_path / "python", progress=lambda stage, done, of, line="": news.append(line))
-    assert any(line.endswith("`edits=Edits()` uses everything") for line in news)
-    exclusions = (BLOCKED, Exclusion(camera="cam04", start_s=0.7, end_s=1.2))
+    exclusions = (Exclusion(camera="cam04", start_s=0.7, end_s=1.2),)
     assert_same_poses(read_recording(out), solve_again(recording, edits=Edits(exclusions=exclusions, person=1)))
-    assert main([*line[:2], "--no-edits", "--outputs", "csv", "--out", str(tmp_path / "plain")]) == 0
-    assert_same_poses(read_recording(tmp_path / "plain"), recording)
+    assert main([*line[:2], "--outputs", "csv", "--out", str(tmp_path / "same")]) == 0
+    assert_same_poses(read_recording(tmp_path / "same"), read_recording(result))
     assert main(line) == 1  # a result that is there is never replaced in silence
-    capsys.readouterr()
-    write_edits(result, Edits())
-    assert main([*line[:2], "--outputs", "csv", "--out", str(tmp_path / "all")]) == 0
-    assert "left out" not in capsys.readouterr().err
-    assert_same_poses(read_recording(tmp_path / "all"), recording)
 
 
 @pytest.mark.parametrize(

@@ -23,7 +23,15 @@ from posefuse.core.skeleton import COCO17
 from posefuse.evaluation.tracks import plain_name, read_tracks
 from posefuse.formats.recording import read_recording
 from posefuse.formats.rig import write_rig
-from posefuse.pipeline.config import CameraInput, TrackConfig, changed_config, changes_of, read_config, settings_by_key
+from posefuse.pipeline.config import (
+    CONFIG_FILE,
+    CameraInput,
+    TrackConfig,
+    changed_config,
+    changes_of,
+    read_config,
+    settings_by_key,
+)
 from posefuse.pipeline.opening import build_source, open_session
 from posefuse.pipeline.session import find_session
 from posefuse.pipeline.track import _check_people
@@ -196,13 +204,13 @@ def person() -> np.ndarray:
 
 @pytest.fixture
 def project(ring_rig: Callable[..., Rig], tmp_path: Path) -> Path:
-    """A Pose2Sim project: Config.toml, calibration/ and pose/, as its own pose estimation leaves it."""
+    """A Pose2Sim project: calibration/ and pose/, as its own pose estimation leaves it; and its frame rate."""
     rig = ring_rig(3)
     folder = tmp_path / "project"
     (folder / "calibration").mkdir(parents=True)
     write_rig(folder / "calibration" / "Calib_scene.toml", rig)
     write_poses(folder, rig, person())
-    (folder / "Config.toml").write_text('[project]\nframe_rate = 50\n[pose]\npose_model = "Body_with_feet"\n')
+    (folder / CONFIG_FILE).write_text("rate_hz = 50\n")
     return folder
 
 
@@ -240,16 +248,8 @@ def test_translations_in_another_unit_show_in_the_size_of_people(
     assert re.search(rf"Calib_scene.toml: people are {tall} m tall by this calibration", capsys.readouterr().err)
 
 
-def test_a_trial_of_a_session_uses_the_calibration_above_it(project: Path, tmp_path: Path) -> None:
-    trial = project / "Trial_1"
-    trial.mkdir()
-    (project / "pose").rename(trial / "pose")
-    assert track(trial, tmp_path / "out") == 0
-    assert set(np.diff(read_recording(tmp_path / "out").poses.t_ns)) == {20_000_000}
-
-
 def test_without_a_frame_rate_it_asks_for_one(project: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    (project / "Config.toml").write_text('[project]\nframe_rate = "auto"\n')
+    (project / CONFIG_FILE).unlink()
     assert track(project, tmp_path / "out") == 1
     error = capsys.readouterr().err
     assert "--rate" in error and "rate_hz" in error and "posefuse.toml" in error
@@ -258,7 +258,7 @@ def test_without_a_frame_rate_it_asks_for_one(project: Path, tmp_path: Path, cap
 
 
 def test_the_videos_next_to_them_state_the_rate(project: Path, tmp_path: Path, demo_session: Path) -> None:
-    (project / "Config.toml").unlink()
+    (project / CONFIG_FILE).unlink()
     (project / "videos").mkdir()
     (project / "videos" / "cam00.mp4").write_bytes((demo_session / "videos" / "cam00.mp4").read_bytes())
     assert track(project, tmp_path / "out", "--input", "pose2d") == 0

@@ -1,6 +1,9 @@
 """A rendered session on disk: what is in it, that it repeats, that it survives interruption."""
 
 import re
+import signal
+from concurrent.futures import ProcessPoolExecutor
+from multiprocessing import get_context
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -28,6 +31,7 @@ from posefuse_sim.build import live_scene
 from posefuse_sim.render.model import render_model
 from posefuse_sim.render.shot import body_poses
 from posefuse_sim.render.stage import RenderStage
+from posefuse_sim.render.workers import children_ignore_requests
 from posefuse_sim.source import SimulatedConfig
 
 pytestmark = pytest.mark.gl
@@ -273,3 +277,13 @@ def test_joined_parts_are_all_frames_at_their_times(tmp_path: Path) -> None:
     np.testing.assert_allclose([frame.image.mean() for frame in read], greys, atol=4)
     (tmp_path / "text.mp4").write_text("no video")
     refusal(InputError, "cannot be joined", sessions.join_videos, [tmp_path / "text.mp4"], tmp_path / "other.mp4")
+
+
+def test_a_process_ignores_ctrl_c_from_its_first_moment() -> None:
+    """What it imports before its own first line could not handle it, and would be printed as a trace."""
+    signal.signal(signal.SIGINT, signal.default_int_handler)
+    with ProcessPoolExecutor(1, get_context("spawn")) as other:
+        with children_ignore_requests():
+            asked = other.submit(signal.getsignal, signal.SIGINT)
+        assert asked.result(60) == signal.SIG_IGN
+    assert signal.getsignal(signal.SIGINT) is signal.default_int_handler

@@ -10,12 +10,13 @@ from types import SimpleNamespace
 from typing import Any
 
 import pytest
+from checks import refusal
 from nicegui import ui
 from nicegui.testing import User, user_simulation
 from small_session import saved_session
 
 import posefuse as pf
-from posefuse.core import OutputHealth, Rig
+from posefuse.core import ConfigError, InputError, OutputHealth, Rig
 from posefuse.detection import named_networks
 from posefuse.foundation import plugins
 from posefuse_sim.build import room_size
@@ -27,6 +28,7 @@ from posefuse_studio.calibrations import Project, projects, save_project
 from posefuse_studio.jobs import Jobs
 from posefuse_studio.pages import PAGES
 from posefuse_studio.pages.live import _session_light, recording_fault
+from posefuse_studio.pages.recording import read_edits, write_edits
 from posefuse_studio.pages.simulate import RoomMap
 from posefuse_studio.session import CameraStatus, SessionStatus
 from posefuse_studio.setups import Setup, save_setup, setup_named
@@ -253,7 +255,7 @@ def test_a_study_has_the_network_that_was_chosen(tmp_path: Path, started: list[t
     visited(tmp_path, "/recordings", use)
     [(_, arguments)] = started
     tracked: list[Any] = []
-    study = SimpleNamespace(failed={}, trials=(), page=tmp_path / "study")
+    study = SimpleNamespace(failed={}, trials=(), table=tmp_path / "study")
     monkeypatch.setattr(work.pf, "batch", lambda *_, networks, **__: [tracked.append(networks), study][1])
     for one in (arguments, {**arguments, "networks": ""}):
         work.batch_job(one, StudioWorkspace(tmp_path), lambda *_: None)
@@ -278,7 +280,7 @@ def test_a_recording_that_is_not_written_is_named_on_the_page_and_on_the_phone()
 def test_names_that_were_given_to_people_are_there_when_the_page_is_opened_again(
     tmp_path: Path, ring_rig: Callable[..., Rig]
 ) -> None:
-    pf.read(saved_session(tmp_path, ring_rig)[1]).keep_edits(pf.Edits(names=("Grace",)))
+    write_edits(saved_session(tmp_path, ring_rig)[1], pf.Edits(names=("Grace",)))
 
     async def use(user: User) -> None:
         await user.should_see("Name of person 0", retries=100)
@@ -289,16 +291,32 @@ def test_names_that_were_given_to_people_are_there_when_the_page_is_opened_again
 
 
 def test_corrections_of_two_pages_are_all_kept(tmp_path: Path, ring_rig: Callable[..., Rig]) -> None:
-    recording = pf.read(saved_session(tmp_path, ring_rig)[1])
+    result = saved_session(tmp_path, ring_rig)[1]
     elsewhere = pf.Exclusion(start_s=0.1, end_s=0.2, camera="cam01")
 
     async def use(user: User) -> None:
         await user.should_see("Name of person 0", retries=100)
-        recording.keep_edits(pf.Edits(exclusions=(elsewhere,)))
+        write_edits(result, pf.Edits(exclusions=(elsewhere,)))
         field(user, ui.input, "Name of person 0").set_value("Grace")
 
     visited(tmp_path, "/recordings?open=result", use)
-    assert recording.edits == pf.Edits(exclusions=(elsewhere,), names=("Grace",))
+    assert read_edits(result) == pf.Edits(exclusions=(elsewhere,), names=("Grace",))
+
+
+def test_corrections_that_others_wrote_are_never_written_over(tmp_path: Path) -> None:
+    (tmp_path / "edits.json").write_text('{"mine": 1}')
+    refusal(InputError, "not edits of posefuse", write_edits, tmp_path, pf.Edits(person=0))
+    assert (tmp_path / "edits.json").read_text() == '{"mine": 1}'
+    (tmp_path / "edits.json").write_text('{"format": "posefuse edits", "person": -2}')
+    refusal(ConfigError, "person", read_edits, tmp_path)
+
+
+def test_corrections_of_a_live_session_lie_next_to_it(tmp_path: Path) -> None:
+    live = tmp_path / "walk.mcap"
+    live.write_bytes(b"")
+    assert read_edits(live) is None
+    write_edits(live, pf.Edits(person=3))
+    assert (tmp_path / "walk.edits.json").is_file() and read_edits(live) == pf.Edits(person=3)
 
 
 def test_no_files_are_made_of_no_format(tmp_path: Path, ring_rig: Callable[..., Rig], started: list[tuple[str, Any]]) -> None:

@@ -251,7 +251,7 @@ def _cameras() -> MachineCheck:
 
 def _display() -> MachineCheck:
     found = display()
-    cure = "only `posefuse view` and `view=True` need one; files can be looked at elsewhere"
+    cure = "only `posefuse view` and `posefuse live --view` need one; files can be looked at elsewhere"
     return MachineCheck("display", bool(found), False, found or "none", cure)
 
 

@@ -20,8 +20,6 @@ if TYPE_CHECKING:
     from posefuse.pipeline.track import Tracked
 
 TRUTH_FILE = Path("truth") / "truth.npz"
-# stages that last the same however long the recording
-_START_UP = ("open", "compile")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -54,20 +52,13 @@ def network_shown(detector: DetectorChoice) -> str:
 
 
 def _tracked_figures(out: Path | None, tracked: Tracked, errors: JointErrors | None) -> dict[str, Any]:
-    recording, clock = tracked.recording, tracked.clock
-    time_steps = len(recording.poses)
-    start_up_s = sum(clock.seconds.get(stage, 0.0) for stage in _START_UP)
+    recording = tracked.recording
     figures: dict[str, Any] = {
-        **_of_both(out, recording, tracked.files, tracked.failed, clock.total_s),
-        "start_up_s": start_up_s,
-        "time_steps_per_s": time_steps / (clock.total_s - start_up_s),
-        "stage_ms_per_time_step": {
-            name: 1000 * seconds / time_steps for name, seconds in clock.seconds.items() if name not in _START_UP
-        },
-        "detect_ms_per_image": 1000 * clock.seconds.get("detect", 0.0) / recording.observations.image_count,
+        **_of_both(out, recording, tracked.files, tracked.failed, tracked.seconds),
+        "start_up_s": tracked.start_up_s,
+        "time_steps_per_s": len(recording.poses) / (tracked.seconds - tracked.start_up_s),
         "camera_fits": recording.provenance["camera_fits"],
         "rig_warnings": recording.provenance["rig_warnings"],
-        "interrupted": tracked.interrupted,
         "exit_code": int(bool(tracked.failed or recording.provenance["rig_warnings"])),
     }
     return figures | ({"mpjpe_mm": errors.mpjpe_mm} if errors else {})
@@ -101,8 +92,6 @@ def _tracked_summary(figures: Mapping[str, Any], errors: JointErrors | None) -> 
         facts["MPJPE against the truth"] = f"{errors.mpjpe_mm:.1f} mm (14 joints)"
         worst = max(range(len(errors.joints)), key=lambda i: errors.mean_mm[i])
         facts["worst joint"] = f"{errors.joints[worst]} {errors.mean_mm[worst]:.1f} mm"
-    for stage, ms in figures["stage_ms_per_time_step"].items():
-        facts[stage] = f"{ms:.1f} ms per time step"
     speed, start_up_s = figures["time_steps_per_s"], figures["start_up_s"]
     facts["speed"] = f"{speed:.1f} time steps/s with everything, after {start_up_s:.0f} s to start"
     cameras = Table(CAMERA_COLUMNS, camera_rows(figures["camera_fits"]))

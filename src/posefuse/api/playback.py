@@ -14,6 +14,7 @@ from posefuse.core import Closing, PosefuseError, SourceError
 from posefuse.core.arrays import Array
 from posefuse.formats.kept_video import VIDEOS_FOLDER
 from posefuse.outputs.drawing import image_tile, jpeg_of, view_tile
+from posefuse.outputs.overview import best_time_step
 from posefuse.pipeline.opening import source_config
 from posefuse.pipeline.session import Input, Session, find_session
 from posefuse.pipeline.solve import config_of
@@ -156,6 +157,12 @@ class Playback(Closing, Generic[R]):
         image = None if found is None else found[1]
         size_wh = self.recording.rig.cameras[c].size_wh if image is None else (image.shape[1], image.shape[0])
         return jpeg_of(view_tile(self.recording, i, c, image, _tile_wh(size_wh, width_px), notes=False))
+
+    def best_tile_jpeg(self, width_px: int) -> bytes:
+        """`tile_jpeg` at the time step at which most was measured, of the camera that saw most of it."""
+        i = best_time_step(self.recording)
+        seen = (self.recording.views.score[i] > 0).sum(axis=(0, 2))
+        return self.tile_jpeg(self.cameras[int(np.argmax(seen))], int(self.recording.poses.t_ns[i]), width_px)
 
     def close(self) -> None:
         """Release the videos."""

@@ -126,6 +126,23 @@ class Recording(core.Recording):
         return (len(self.poses) - 1) / self.duration_s if self.duration_s > 0 else float("nan")
 
     @property
+    def recorded_utc(self) -> str:
+        """When the camera stated that it recorded, or the live session began, as ``2026-01-31T12:00:00Z``; empty if not known."""
+        from posefuse.outputs.provenance import recorded_utc
+
+        return recorded_utc(self.provenance)
+
+    def quality(self) -> dict[str, Any]:
+        """How long, complete and exact it is; NaN where that is not known.
+
+        duration_s, time_steps, cameras, people, present_share (of keypoints and time steps), median_sigma_mm,
+        median_reprojection_px.
+        """
+        from posefuse.pipeline.batch.figures import quality_figures
+
+        return quality_figures(self.poses, len(self.rig))
+
+    @property
     def t_s(self) -> Array:
         """(T,) session seconds, as in files and in `Exclusion`."""
         return self.poses.t_ns * 1e-9
@@ -288,29 +305,10 @@ class Recording(core.Recording):
 
     @property
     def edits(self) -> Edits:
-        """The corrections kept with it where it was read from, else those that it was made with.
-
-        Raises:
-            InputError: a file of edits that posefuse did not write. ConfigError: a wrong value in it.
-        """
-        from posefuse.pipeline.edits import read_edits
+        """The corrections that it was made with."""
         from posefuse.pipeline.solve import edits_of
 
-        kept = None if self.path is None else read_edits(self.path)
-        return edits_of(self.provenance) if kept is None else kept
-
-    def keep_edits(self, edits: Edits) -> Path:
-        """Keep corrections with the result, in place of earlier ones, for the next `posefuse.solve`; returns their file.
-
-        Raises:
-            InputError: edits about what is not there, a recording in memory only, or a file that cannot be written.
-        """
-        from posefuse.pipeline.edits import check_edits, write_edits
-
-        if self.path is None:
-            raise InputError("keep_edits: expected a recording that was read from a file or saved")
-        check_edits(edits, self)
-        return write_edits(self.path, edits)
+        return edits_of(self.provenance)
 
     def gait(self) -> tuple[Gait | None, ...]:
         """Foot strikes, steps and strides of each person, in the order of `poses.person_id`; None for one who does not walk."""
@@ -427,16 +425,3 @@ def read(path: str | Path, *, observed: bool = True) -> Recording:
 def needs_detections(outputs: Iterable[str]) -> bool:
     """Whether a result has to be read with its detections for these outputs, by name."""
     return not set(outputs) <= set(_WITHOUT_DETECTIONS)
-
-
-def view(result: str | Path, *, session: str | Path | None = None, progress: Progress | bool | None = None) -> Path | None:
-    """Show a result in the Rerun viewer until it is closed; see `Recording.view`. Needs the extra ``viewer``.
-
-    Examples:
-        >>> import posefuse as pf
-        >>> pf.view("RESULT")  # doctest: +SKIP
-    """
-    from posefuse.outputs.rerun import check_rerun
-
-    check_rerun()
-    return read(result).view(session=session, progress=progress)

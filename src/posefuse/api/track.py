@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -21,7 +21,7 @@ from .recording import Recording, recording_of
 if TYPE_CHECKING:
     from posefuse.pipeline.batch import Study
     from posefuse.pipeline.config import TrackConfig
-    from posefuse.pipeline.edits import Edits, Exclusion
+    from posefuse.pipeline.edits import Edits
 
 FORMATS = ("trc", "c3d", "csv")
 _NEED_IMAGES = ("overlay",)
@@ -42,8 +42,6 @@ def track(
     formats: Sequence[str] | None = None,
     resume: bool = False,
     replace: bool = False,
-    keep_partial: bool = False,
-    view: bool = False,
     config: str | Path | None = None,
     settings: Mapping[str, Any] | None = None,
     progress: Progress | bool | None = None,
@@ -66,8 +64,6 @@ def track(
             names, else trc, c3d, csv, overlay and overview.
         resume: continue the interrupted work of `out`; from the beginning where there is none.
         replace: move an earlier result that is there to ``NAME.replaced-TIME``.
-        keep_partial: Ctrl-C does not raise: what was detected until then is solved, written and returned.
-        view: open the result in the Rerun viewer at the end (extra ``viewer``).
         config: settings file in place of the session's ``posefuse.toml``.
         settings: any other setting by dotted key, e.g. ``{"smooth.cutoff_hz": 8}``.
         progress: True for bars on stderr, or a function (see `Progress`).
@@ -78,7 +74,7 @@ def track(
         be written) is a `UserWarning`.
 
     Raises:
-        KeyboardInterrupt: Ctrl-C, without `keep_partial`; the detections stay in `out`, if it was given.
+        KeyboardInterrupt: Ctrl-C; the detections stay in `out`, if it was given.
         PosefuseError: anything that leaves fewer than two usable cameras or no person to follow; the message names the next step.
 
     Examples:
@@ -87,7 +83,6 @@ def track(
         >>> recording.save("RESULT", formats=("trc", "c3d"))  # doctest: +SKIP
     """
     from posefuse.detection.build import locked, network_settings
-    from posefuse.outputs.rerun import check_viewer
     from posefuse.pipeline.reading import is_live
     from posefuse.pipeline.result_folder import ResultFolder
     from posefuse.pipeline.session import find_session
@@ -98,8 +93,6 @@ def track(
         raise InputError(f"{folder}: is a recording, not a session; `posefuse solve` solves it again")
     if out is None and (resume or replace or formats):
         raise InputError("track: resume, replace and formats are about the folder `out`, which was not given")
-    if view:
-        check_viewer()
     names = None if formats is None else tuple(formats)
     options = {"rig": rig, "associate.max_people": people, "fuse.weights": weights, "start_s": start_s, "end_s": end_s}
     changes = {key: value for key, value in (options | {"outputs": names}).items() if value is not None}
@@ -110,12 +103,9 @@ def track(
     if out is not None:
         where = ResultFolder(path=Path(out), force=replace, resume=resume)
     with shown(progress) as report:
-        tracked = track_session(found, chosen, where, report, solve_interrupted=keep_partial)
+        tracked = track_session(found, chosen, where, report)
     place = None if where is None else where.path
-    made = recording_of(tracked.recording, path=place, outcome=tracked_outcome(place, found, chosen.detector, tracked))
-    if view:
-        made.view(session=None if "rerun" in chosen.outputs else folder)
-    return made
+    return recording_of(tracked.recording, path=place, outcome=tracked_outcome(place, found, chosen.detector, tracked))
 
 
 @checked
@@ -157,10 +147,7 @@ def solve(
     out: str | Path,
     *,
     edits: Edits | None = None,
-    exclude: Sequence[Exclusion] = (),
-    keep_person: int | None = None,
     replace: bool = False,
-    view: bool = False,
     config: str | Path | None = None,
     settings: Mapping[str, Any] | None = None,
     progress: Progress | bool | None = None,
@@ -172,11 +159,8 @@ def solve(
     Args:
         result: result folder, or the .mcap of a live session.
         out: folder for the new result.
-        edits: what is left out, who is kept, and names; None: those kept next to the result, else those it was made with.
-        exclude: stretches to leave out, besides those of `edits`.
-        keep_person: id of the one person to keep, in place of that of `edits`.
+        edits: what is left out, who is kept, and names; None: those it was made with.
         replace: move an earlier result in `out` to ``NAME.replaced-TIME``.
-        view: open the result in the Rerun viewer at the end (extra ``viewer``).
         config: settings file, on top of the settings of the result.
         settings: settings by dotted key, on top of both; ``start_s`` and ``end_s`` select a part.
         progress: True for bars on stderr, or a function (see `Progress`).
@@ -188,19 +172,17 @@ def solve(
     Examples:
         >>> import posefuse as pf
         >>> blocked = pf.Exclusion(camera="cam02", start_s=1.5, end_s=2.5)
-        >>> again = pf.solve("RESULT", "SECOND", exclude=[blocked])  # doctest: +SKIP
+        >>> again = pf.solve("RESULT", "SECOND", edits=pf.Edits(exclusions=(blocked,)))  # doctest: +SKIP
     """
     from posefuse.foundation.compiled import compiling
     from posefuse.foundation.output_folder import output_folder
-    from posefuse.outputs.rerun import check_viewer
+    from posefuse.pipeline.edits import check_exclusions
     from posefuse.pipeline.reading import files_of_result, read_result
-    from posefuse.pipeline.solve import REFINED, solve_again
+    from posefuse.pipeline.solve import REFINED, edits_of, solve_again
     from posefuse.pipeline.track import refined_line
     from posefuse.pipeline.writing import build_sinks, nearby_session, warn_of_failures, write_result
 
     path, place, changes = Path(result), Path(out), dict(settings or {})
-    if view:
-        check_viewer()
     began_s, inputs = time.perf_counter(), files_of_result(path)
     with shown(progress) as report, output_folder(place, command="track", inputs=inputs, replace=replace) as folder:
         earlier, note = read_result(path, start_s=changes.get("start_s"), end_s=changes.get("end_s")), lines_of(report, "solve")
@@ -208,8 +190,10 @@ def solve(
         chosen = _solve_config(earlier, config, changes, images=session is not None)
         # an hour of them takes much memory, and only observations are solved again
         earlier = dataclasses.replace(earlier, poses=earlier.poses.people(np.zeros(0, np.intp)))
-        used = _edits(path, earlier, edits, exclude, keep_person, note)
-        sinks = build_sinks(chosen.outputs, earlier.poses.skeleton)
+        if edits is not None:
+            check_exclusions(edits.exclusions, earlier)
+        used = edits_of(earlier.provenance) if edits is None else edits
+        sinks = build_sinks(chosen.outputs)
         with compiling("tracking", note):
             recording = solve_again(earlier, chosen, used)
         if REFINED in recording.provenance:
@@ -218,10 +202,7 @@ def solve(
     warn_of_failures(failed)
     excluded, seconds = len(used.exclusions), time.perf_counter() - began_s
     outcome = solved_outcome(place, recording, files=files, failed=failed, seconds=seconds, excluded=excluded)
-    made = recording_of(recording, path=place, outcome=outcome)
-    if view:
-        made.view()
-    return made
+    return recording_of(recording, path=place, outcome=outcome)
 
 
 def _solve_config(earlier: core.Recording, config: str | Path | None, changes: Mapping[str, Any], *, images: bool) -> TrackConfig:
@@ -232,30 +213,6 @@ def _solve_config(earlier: core.Recording, config: str | Path | None, changes: M
     outputs = options_by_name(DEFAULT_OUTPUTS if earlier.is_live else base.get("outputs") or ())
     base["outputs"] = {name: one for name, one in outputs.items() if images or name not in _NEED_IMAGES}
     return read_config(None if config is None else Path(config), changes, base)
-
-
-def _edits(
-    path: Path,
-    earlier: core.Recording,
-    edits: Edits | None,
-    exclude: Sequence[Exclusion],
-    keep_person: int | None,
-    note: Callable[[str], None],
-) -> Edits:
-    """The edits given, else those kept next to the recording, else those it was made with; the rest on top."""
-    from posefuse.pipeline.edits import NO_EDITS, check_exclusions, edits_path, read_edits
-    from posefuse.pipeline.solve import edits_of
-
-    check_exclusions(exclude, earlier)
-    if edits is None and (edits := read_edits(path)) not in (None, NO_EDITS):
-        count = len(edits.exclusions)
-        note(f"{edits_path(path)}: what is marked there is left out (stretches: {count}); `edits=Edits()` uses everything")
-    base = edits_of(earlier.provenance) if edits is None else edits
-    return dataclasses.replace(
-        base,
-        exclusions=(*base.exclusions, *exclude),
-        person=base.person if keep_person is None else keep_person,
-    )
 
 
 @checked
@@ -280,7 +237,7 @@ def batch(
 
     Args:
         study: folder with sessions below it, e.g. ``P01/walk1``; a calibration may lie with the session or above it.
-        out: folder for the results: a result folder per trial, the table ``study.csv`` and the page ``study.html``.
+        out: folder for the results: a result folder per trial, and the table ``study.csv``.
         networks: as in `track`. device: the same.
         formats: outputs of each trial, see `posefuse plugins`; None: those of `config`, else trc, c3d and csv.
         report: write joint angles, gait and the report of each trial.

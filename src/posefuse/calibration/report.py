@@ -30,7 +30,6 @@ class Check:
         remedy: what to do when it does not hold.
         kind: what mends it: to ``record`` again, to estimate the ``clocks`` or their ``drift``, to calibrate the ``lenses``
             or the ``rig`` again, to name cameras as ``upside down``, or to correct names, files or sizes of the ``input``.
-        cameras: that are upside down.
     """
 
     name: str
@@ -38,7 +37,6 @@ class Check:
     detail: str
     remedy: str = ""
     kind: CheckKind = "record"
-    cameras: tuple[str, ...] = ()
 
     @property
     def line(self) -> str:

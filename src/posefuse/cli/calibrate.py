@@ -10,7 +10,7 @@ import posefuse as pf
 from posefuse.calibration.settings import TargetDescription
 from posefuse.pipeline.config import CONFIG_FILE
 
-from .next_command import TypedCommand, check_files, clock_offsets_s, option_words, reported
+from .calibration_steps import check_files, clock_offsets_s, option_words, reported
 from .options import (
     MOST_S,
     Figures,
@@ -306,7 +306,7 @@ def calibrate_intrinsics(*inputs: CameraRecordings, options: IntrinsicsOptions, 
     from posefuse.calibration.report import RefusedCalibration
 
     check_files(options, inputs)
-    with reported(options.report, TypedCommand(step="intrinsics", inputs=inputs, options=options)):
+    with reported(options.report):
         try:
             with terminal.stages() as progress:
                 found = pf.calibrate_intrinsics(inputs, **arguments_of(pf.calibrate_intrinsics, options), progress=progress)
@@ -345,8 +345,8 @@ def calibrate_extrinsics(*inputs: CameraRecordings, options: ExtrinsicsOptions, 
     coverage, read = options.out.with_name(f"{options.out.stem}_coverage.png"), check_files(options, inputs)
     # a refused run leaves the image, and must not stop the next one; an older image is kept as a copy
     check_output_file(coverage, option="--out", inputs=read, replace=True)
-    kind, asked = target_of(options.target), TypedCommand(step="extrinsics", inputs=inputs, options=options)
-    with reported(options.report, asked), terminal.stages() as progress:
+    kind = target_of(options.target)
+    with reported(options.report), terminal.stages() as progress:
         floor = floor_of(kind, marker=options.floor_marker, side_mm=options.floor_side_mm, points=options.floor_points)
         given = arguments_of(pf.calibrate_extrinsics, options)
         found = pf.calibrate_extrinsics(inputs, **given, floor=floor, coverage=coverage, progress=progress)
@@ -387,8 +387,7 @@ def calibrate_person(*inputs: CameraRecordings, options: PersonOptions, terminal
         inputs: Video, or 2D poses of another tool, per camera; NAME defaults to the file's name.
     """
     check_files(options, inputs)
-    asked = TypedCommand(step="person", inputs=inputs, options=options)
-    with reported(options.report, asked), terminal.stages() as progress:
+    with reported(options.report), terminal.stages() as progress:
         found = pf.calibrate_person(inputs, **arguments_of(pf.calibrate_person, options), progress=progress)
     terminal.show(found.summary())
     found.save(options.out, report=options.report, replace=options.replace)
@@ -405,8 +404,7 @@ def calibrate_clocks(session: Path, /, *, options: ClockOptions = ClockOptions()
         session: As for `posefuse track`: a folder with the calibration file and the recordings.
     """
     check_files(options)
-    asked = TypedCommand(step="clocks", inputs=(str(session),), options=options)
-    with reported(options.report, asked), terminal.stages() as progress:
+    with reported(options.report), terminal.stages() as progress:
         given = arguments_of(pf.calibrate_clocks, options)
         found = pf.calibrate_clocks(session, **given, drift=options.clocks == "drift", progress=progress)
     terminal.show(found.summary())
@@ -414,7 +412,7 @@ def calibrate_clocks(session: Path, /, *, options: ClockOptions = ClockOptions()
         found.save_report(options.report, replace=options.replace)
     settings = _save_clocks(session, found, terminal)
     needed = f"add the offsets to {session / CONFIG_FILE} first" if found.clock_settings else "the clocks need no correction"
-    also = option_words(options, only=_ALSO_OF_TRACK)
+    also = option_words(options, _ALSO_OF_TRACK)
     command = " ".join(filter(None, ["posefuse track", quoted(session), also, "--out RESULT"]))
     terminal.next(command, "uses the clocks found" if settings else needed)
     return {"settings": settings, **found.report.numbers}
@@ -433,8 +431,7 @@ def calibrate_verify(*inputs: CameraRecordings, options: VerifyOptions, terminal
     terminal.show(found.report.summary())
     if options.report is not None:
         found.save(options.report, replace=options.replace)
-    with reported(None, TypedCommand(step="verify", inputs=inputs, options=options)):
-        found.report.require()
+    found.report.require()
     terminal.next(f"put {options.rig} into the folder of your videos: posefuse track SESSION --out RESULT", "the rig is good")
     return dict(found.report.numbers)
 

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 from posefuse import __version__
 
 from .command_line import COMMANDS, Invocation, WrongCommandLineError, parse
-from .stopping import StopRequests, terminate_on_signals
+from .stopping import terminate_on_signals
 
 if TYPE_CHECKING:
     from .terminal import Terminal
@@ -23,8 +23,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     """Entry point of `posefuse`.
 
     Returns:
-        0 complete, 1 a known error in one line, 2 a bug with its trace, 130 stopped by Ctrl-C, 143 by SIGTERM, 129 by SIGHUP;
-        the last three also where what was finished until then is kept.
+        0 complete, 1 a known error in one line, 2 a bug with its trace, 130 stopped by Ctrl-C, 143 by SIGTERM, 129 by SIGHUP.
     """
     name = "posefuse"
     with terminate_on_signals() as requests:
@@ -33,7 +32,7 @@ def main(argv: Sequence[str] | None = None) -> int:
             if invocation is None:
                 return 0
             name = invocation.name
-            return _run(invocation, requests)
+            return _run(invocation)
         except WrongCommandLineError as error:
             print(error, file=sys.stderr)
             return 1
@@ -48,15 +47,14 @@ def main(argv: Sequence[str] | None = None) -> int:
             return 2
 
 
-def _run(invocation: Invocation, requests: StopRequests) -> int:
+def _run(invocation: Invocation) -> int:
     """The exit code of a command; raises what is no known error."""
     # imports numpy and more: Ctrl-C meanwhile is one line, too
     from posefuse.core import PosefuseError
     from posefuse.foundation.output_file import is_disk_full
 
     try:
-        interrupted, code = _command(invocation)
-        return requests.exit_code if interrupted else code
+        return _command(invocation)
     except PosefuseError as error:
         from .terminal import in_options
 
@@ -72,8 +70,8 @@ def _run(invocation: Invocation, requests: StopRequests) -> int:
     return 1
 
 
-def _command(invocation: Invocation) -> tuple[bool, int]:
-    """Run the command; returns whether it was interrupted and kept what it had, and else its exit code."""
+def _command(invocation: Invocation) -> int:
+    """Run the command and show its figures; its exit code."""
     from .terminal import Terminal
 
     terminal = Terminal(as_json=invocation.as_json)
@@ -84,7 +82,7 @@ def _command(invocation: Invocation) -> tuple[bool, int]:
         figures = invocation.run(terminal)
     steps = {"step": invocation.words[1]} if len(invocation.words) > 1 else {}
     terminal.figures({"command": invocation.words[0], "version": __version__, **steps, **figures})
-    return bool(figures.get("interrupted")), int(figures.get("exit_code", 1 if figures.get("failed") else 0))
+    return int(figures.get("exit_code", 1 if figures.get("failed") else 0))
 
 
 def _shown_by(terminal: Terminal) -> Callable[..., None]:

@@ -8,7 +8,6 @@ from typing import Annotated
 from cyclopts import ArgumentCollection, Group, Parameter
 
 import posefuse as pf
-from posefuse.core import InputError
 from posefuse.pipeline.config import TrackConfig
 
 from .options import Figures, NetworkOptions, SettingsOptions, Shown, arguments_of, count, settings_options
@@ -49,13 +48,11 @@ class TrackOptions(SettingsOptions, NetworkOptions):
 
     Attributes:
         out: Folder for the result; must not exist, unless with --force or --resume.
-        view: Open the result in the Rerun viewer (extra: viewer).
         replace: Replace the results in DIR, and start interrupted work from the beginning.
         resume: Continue where the same command was interrupted, or start.
     """
 
     out: Annotated[Path, Parameter(metavar="DIR", group=_MAKES)]
-    view: Annotated[bool, Parameter(group=_MAKES)] = False
     replace: Annotated[bool, Parameter(group=_AGAIN)] = False
     resume: Annotated[bool, Parameter(group=_AGAIN)] = False
 
@@ -66,19 +63,16 @@ class SolveOptions(SettingsOptions):
 
     Attributes:
         out: Folder for the new result; must not exist, unless with --force.
-        view: Open the result in the Rerun viewer (extra: viewer).
         replace: Replace the results in DIR.
-        exclude: Leave out a camera, or without a name all of them, from second A to B. May be given several times.
+        exclude: Leave out a camera, or without a name all of them, from second A to B. May be given several times. This and
+            --keep-person take the place of what RESULT was made with.
         keep_person: Keep only this person.
-        no_edits: Ignore earlier marks: leave out nothing, keep all people.
     """
 
     out: Annotated[Path, Parameter(metavar="DIR", group=_MAKES)]
-    view: Annotated[bool, Parameter(group=_MAKES)] = False
     replace: Annotated[bool, Parameter(group=_MAKES)] = False
     exclude: Annotated[tuple[str, ...], Parameter(metavar="[CAMERA:]A-B", validator=_check_excluded)] = ()
     keep_person: Annotated[int | None, Parameter(metavar="ID", validator=_check_id)] = None
-    no_edits: bool = False
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -108,7 +102,7 @@ def track(session: Path, /, *, options: TrackOptions, terminal: Shown) -> Figure
         session: Folder with a calibration file and the recordings.
     """
     with terminal.stages() as progress:
-        made = pf.track(session, **arguments_of(pf.track, options), keep_partial=True, progress=progress)
+        made = pf.track(session, **arguments_of(pf.track, options), progress=progress)
     terminal.show(made.summary())
     _next(options.out, terminal)
     terminal.next(f"posefuse view {quoted(options.out)}", "the skeleton in the 3D viewer (extra: viewer)")
@@ -122,11 +116,10 @@ def solve(result: Path, /, *, options: SolveOptions, terminal: Shown) -> Figures
     Args:
         result: Folder written by `posefuse track`, or the .mcap of `posefuse live --record`.
     """
-    if options.no_edits and (options.exclude or options.keep_person is not None):
-        raise InputError("--no-edits: expected no --exclude and no --keep-person with it")
+    edits = pf.Edits(exclusions=tuple(map(_exclusion, options.exclude)), person=options.keep_person)
+    given = {**arguments_of(pf.solve, options), "edits": None if edits == pf.Edits() else edits}
     with terminal.stages() as progress:
-        marks = {"edits": pf.Edits() if options.no_edits else None, "exclude": [*map(_exclusion, options.exclude)]}
-        made = pf.solve(result, **{**arguments_of(pf.solve, options), **marks}, progress=progress)
+        made = pf.solve(result, **given, progress=progress)
     terminal.show(made.summary())
     _next(options.out, terminal)
     terminal.next(f"posefuse compare {quoted(options.out)} {quoted(result)}", "how far the earlier result was from it")
@@ -163,7 +156,7 @@ def demo(
 
 @settings_options("options", TrackConfig, {"outputs": "outputs A,B,..."})
 def batch(study: Path, /, *, options: BatchOptions, terminal: Shown) -> Figures:
-    """Track every session below a folder (participant/trial), with one table and a summary page over participants.
+    """Track every session below a folder (participant/trial), with one table.
 
     A trial that fails is named and the rest is finished. The same command continues where it was interrupted.
 
@@ -173,5 +166,5 @@ def batch(study: Path, /, *, options: BatchOptions, terminal: Shown) -> Figures:
     with terminal.stages() as progress:
         done = pf.batch(study, **arguments_of(pf.batch, options), report=not options.no_report, progress=progress)
     terminal.show(done.summary())
-    terminal.next(f"open {done.page} in a browser", f"the summary; {done.table.name} in the same folder holds the numbers")
+    terminal.next(f"open {done.table} in a spreadsheet", "status and numbers of every trial; each has a report of its own")
     return {"out": done.out, "trials": done.rows(), "kept": done.kept, "failed": dict(done.failed)}

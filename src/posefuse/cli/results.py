@@ -23,7 +23,7 @@ def view(result: Result, /, *, session: SessionFolder = None, terminal: Shown) -
         session: Session the result was made from, for its images (default: a folder of its name near the result or here).
     """
     with terminal.stages() as progress:
-        return {"viewed": pf.view(result, session=session, progress=progress)}
+        return {"viewed": pf.read(result).view(session=session, progress=progress)}
 
 
 def report(

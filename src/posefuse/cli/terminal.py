@@ -23,7 +23,7 @@ _OPTIONS = {
     "replace": "force", "rate_hz": "rate", "start_s": "start", "end_s": "end", "drift": "clocks drift", "max_offset_s": "most-s",
     "focal_known_to_percent": "refine-lenses", "camera_distance": "apart",
     "domain_id": "domain", "peers": "peer", "align_time": "no-time", "align_space": "no-space", "align_first_s": "align-first",
-    "loop_s": "loop", "settings": "set", "edits": "no-edits",
+    "loop_s": "loop", "settings": "set",
 }  # fmt: skip
 
 
@@ -42,7 +42,7 @@ def in_options(text: str) -> str:
 
     def option(found: re.Match[str]) -> str:
         name, value = found.groups()
-        return f"--{option_of(name)}" + ("" if value in ("True", "False", "Edits()") else f" {value}")
+        return f"--{option_of(name)}" + ("" if value in ("True", "False") else f" {value}")
 
     return _ARGUMENT.sub(option, text)
 

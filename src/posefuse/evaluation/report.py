@@ -294,16 +294,14 @@ def range_table(joints: JointAngles, person: int) -> Table:
 
 
 def _cycle_series(one: CycleAngles) -> list[Series]:
-    side = side_of(one.joint)
-    strides = {f"stride {i}": np.degrees(values) for i, values in enumerate(one.angle_rad[:_MOST_CYCLES], start=1)}
+    """Every stride, thin; and their mean with a band of one standard deviation."""
+    side, mean, sd = side_of(one.joint), np.degrees(one.mean_rad), np.degrees(one.sd_rad)
     name = f"{side if side in SIDES else 'trunk'}, mean of {len(one.angle_rad)}"
-    return cycle_series(side, strides, np.degrees(one.mean_rad), np.degrees(one.sd_rad), name)
-
-
-def cycle_series(side: Side, curves: Mapping[str, Array], mean: Array, sd: Array, name: str) -> list[Series]:
-    """Curves (101,) of a gait cycle by their names, thin; and their mean of this name with a band of one standard deviation."""
-    single = [Line(f"{side} {each}", PERCENT, curve, colour=side, faint=True) for each, curve in curves.items()]
-    return [*single, Band(f"{side} ± sd", PERCENT, mean - sd, mean + sd, colour=side), Line(name, PERCENT, mean, colour=side)]
+    strides = [
+        Line(f"{side} stride {i}", PERCENT, np.degrees(values), colour=side, faint=True)
+        for i, values in enumerate(one.angle_rad[:_MOST_CYCLES], start=1)
+    ]
+    return [*strides, Band(f"{side} ± sd", PERCENT, mean - sd, mean + sd, colour=side), Line(name, PERCENT, mean, colour=side)]
 
 
 def _foot_off(gait: Gait) -> list[Series]:

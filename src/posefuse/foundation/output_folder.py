@@ -7,11 +7,10 @@ the same command (`folder_mark`) is moved to ``NAME.replaced-TIME`` with all tha
 from __future__ import annotations
 
 import dataclasses
-import hashlib
 import json
 import shutil
-from collections.abc import Iterable, Iterator, Mapping, Sequence
-from contextlib import contextmanager, nullcontext, suppress
+from collections.abc import Iterable, Iterator, Sequence
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from posefuse import __version__
@@ -21,7 +20,6 @@ from posefuse.core.errors import warn_caller
 from .output_file import (
     check_outside_inputs,
     check_space,
-    earlier_kept,
     holds_working_folder,
     is_disk_full,
     name_aside,
@@ -43,12 +41,10 @@ class FolderMark:
 
     Attributes:
         command: such as ``track``. unfinished: the name that it takes once it is complete; empty: it is complete.
-        made_again: digests of the files that every run makes again, by name.
     """
 
     command: str
     unfinished: str = ""
-    made_again: Mapping[str, str] = dataclasses.field(default_factory=dict)
 
 
 def write_mark(folder: Path, mark: FolderMark) -> None:
@@ -66,7 +62,7 @@ def read_mark(folder: Path) -> FolderMark | None:
     """The mark of a folder; None where there is none, or where the file of that name is not one of posefuse."""
     try:
         about = json.loads((folder / MARK_FILE).read_text(encoding="utf-8"))
-        found = FolderMark(command=about["command"], unfinished=about["unfinished"], made_again=about.get("made_again", {}))
+        found = FolderMark(command=about["command"], unfinished=about["unfinished"])
         return found if about["format"] == _FORMAT else None
     except (OSError, ValueError, KeyError, TypeError, RecursionError):
         return None
@@ -226,29 +222,6 @@ def growing_folder(path: Path, *, command: str, names: Iterable[str]) -> Path:
     except OSError as error:
         raise InputError(f"{path}: cannot be written ({error.strerror})") from None
     return target
-
-
-@contextmanager
-def made_again(path: Path) -> Iterator[None]:
-    """Around writing a file of a growing folder that every run makes again from what is kept elsewhere.
-
-    An earlier one stays as ``NAME.replaced-TIME`` where it was changed since it was made.
-
-    Raises:
-        InputError: it cannot be copied.
-    """
-    mark = read_mark(path.parent)
-    unchanged = mark is not None and path.is_file() and mark.made_again.get(path.name) == _digest(path)
-    with nullcontext() if unchanged else earlier_kept(path):
-        yield
-    if mark is not None:
-        # one that cannot be noted stays next time
-        with suppress(OSError):
-            write_mark(path.parent, dataclasses.replace(mark, made_again={**mark.made_again, path.name: _digest(path)}))
-
-
-def _digest(path: Path) -> str:
-    return hashlib.sha256(path.read_bytes()).hexdigest()
 
 
 def _make_parents(path: Path, target: Path) -> list[Path]:

@@ -28,7 +28,9 @@ def read_text(path: Path, error: type[InputError] = InputError) -> str:
         raise error(f"{path}: no such file") from None
     except IsADirectoryError:
         raise error(f"{path}: is a folder; expected a file") from None
-    except (OSError, UnicodeDecodeError) as problem:
+    except UnicodeDecodeError as problem:
+        raise error(f"{path}: cannot be read as text ({problem}); save it as UTF-8") from None
+    except OSError as problem:
         raise error(f"{path}: cannot be read as text ({problem})") from None
 
 

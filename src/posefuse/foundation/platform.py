@@ -176,8 +176,3 @@ def display() -> str:
     if sys.platform in ("win32", "darwin"):
         return "desktop"
     return os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY") or ""
-
-
-def offscreen_backends() -> tuple[str, ...]:
-    """MuJoCo's ways to draw without a screen here, best first."""
-    return {"win32": ("wgl",), "darwin": ("cgl",)}.get(sys.platform, ("egl", "osmesa"))

@@ -108,18 +108,6 @@ def interrupting_at_once() -> Iterator[None]:
         yield
 
 
-@contextmanager
-def children_ignore_requests() -> Iterator[None]:
-    """Processes started within ignore Ctrl-C and hang-ups from their start on; `leave_requests_to_parent` keeps it so.
-
-    They would print a trace of what they import just then. Only the main thread can see to it.
-    """
-    main = threading.current_thread() is threading.main_thread()
-    ignored = [signal.SIGINT, *([] if HANG_UP is None else [HANG_UP])] if main else []
-    with handling(ignored, signal.SIG_IGN):
-        yield
-
-
 def leave_requests_to_parent() -> None:
     """Of a child process: its parent ends it, in order, so that files are finished.
 

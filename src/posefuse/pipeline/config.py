@@ -230,25 +230,3 @@ def _put(content: dict[str, Any], keys: Sequence[str], value: Any) -> None:
         # outputs by name keep the options that a file gives them
         value = {name: before.get(name, {}) for name in named}
     content[keys[-1]] = value
-
-
-# What the ``Config.toml`` of a Pose2Sim project states that a session needs: the frame rate of its files.
-
-PROJECT_FILE = "Config.toml"
-
-
-def project_rate_hz(folder: Path) -> float | None:
-    """The frame rate that the project states which a session folder is, or is a trial of; None where it is ``auto`` or missing.
-
-    Raises:
-        ConfigError: a file that cannot be read.
-    """
-    files = [place / PROJECT_FILE for place in (folder, folder.absolute().parent) if (place / PROJECT_FILE).is_file()]
-    # a trial's file has only the differences from the session's file above it
-    projects = [content["project"] for file in files if isinstance((content := read_mapping(file)).get("project"), Mapping)]
-    rate = next((project["frame_rate"] for project in projects if project.get("frame_rate") is not None), None)
-    if rate in (None, "auto"):
-        return None
-    if not (isinstance(rate, int | float) and rate > 0):
-        raise ConfigError(f"{files[0]}: project.frame_rate: expected a number or 'auto', got {rate!r}")
-    return float(rate)

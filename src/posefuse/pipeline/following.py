@@ -2,10 +2,7 @@
 
 from __future__ import annotations
 
-import itertools
-import time
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from contextlib import contextmanager
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -68,7 +65,6 @@ class PeopleFollower:
 
     Args:
         skeleton: the detector's. rig: the cameras. associating, fusing: settings of the two.
-        clock: adds up the seconds of each stage.
         keep: receives every answer of the detector as soon as it is there.
     """
 
@@ -79,11 +75,10 @@ class PeopleFollower:
         rig: Rig,
         associating: AssociateSettings,
         fusing: FuseSettings,
-        clock: StageClock | None = None,
         keep: Keep | None = None,
     ) -> None:
         self.skeleton, self.rig, self._associating, self._fusing = skeleton, rig, associating, fusing
-        self._clock, self._keep = clock or StageClock(), keep
+        self._keep = keep
         self._memory = Memory(skeleton=skeleton)
         self._identity = Identity(people_max=associating.max_people, lost_after_s=associating.lost_after_s)
         self._next_id = 0
@@ -92,12 +87,7 @@ class PeopleFollower:
 
     def follow(self, steps: Iterable[TimeStep]) -> Iterator[Followed]:
         """One result per time step."""
-        iterator = iter(steps)
-        for i in itertools.count():
-            with self._clock.stage("decode"):
-                step = next(iterator, None)
-            if step is None:
-                return
+        for i, step in enumerate(steps):
             yield self._step(i, step)
 
     def people_of(self, tracks: Array, t_ns: Array) -> Array:
@@ -142,27 +132,24 @@ class PeopleFollower:
         return int(in_view.sum()) <= 2 and int((np.array(should) & ~in_view).sum()) > _MOST_BLIND
 
     def _see(self, i: int, step: TimeStep, kind: LookKind, expected: Pose3D | None, memory: Memory) -> Followed:
-        with self._clock.stage("detect"):
-            batch = DetectionBatch(step=i, t_ns=step.t_ns, kind=kind, detections=step.look(kind, expected))
+        batch = DetectionBatch(step=i, t_ns=step.t_ns, kind=kind, detections=step.look(kind, expected))
         self._batches.append(batch)
         if self._keep is not None:
-            with self._clock.stage("store"):
-                self._keep(batch)
-        with self._clock.stage("fuse"):
-            by_camera = {one.camera: one for one in batch.detections}
-            absent = Detections2D.empty("", step.t_ns, self.skeleton)
-            detections = [by_camera.get(name) or replace(absent, camera=name) for name in self.rig.names]
-            assignment = assign(
-                detections,
-                self.rig,
-                self._associating,
-                step.t_ns,
-                memory.expected(step.t_ns),
-                seen_ns=memory.seen_ns,
-                next_id=self._next_id,
-            )
-            views = assignment.views(detections, step.t_ns)
-            pose = fuse(views, self.rig, self._fusing, memory.last(step.t_ns))
+            self._keep(batch)
+        by_camera = {one.camera: one for one in batch.detections}
+        absent = Detections2D.empty("", step.t_ns, self.skeleton)
+        detections = [by_camera.get(name) or replace(absent, camera=name) for name in self.rig.names]
+        assignment = assign(
+            detections,
+            self.rig,
+            self._associating,
+            step.t_ns,
+            memory.expected(step.t_ns),
+            seen_ns=memory.seen_ns,
+            next_id=self._next_id,
+        )
+        views = assignment.views(detections, step.t_ns)
+        pose = fuse(views, self.rig, self._fusing, memory.last(step.t_ns))
         place = {name: c for c, name in enumerate(self.rig.names)}
         person_ids = tuple(assignment.people_of(place[one.camera], len(one)) for one in batch.detections)
         clothing = clothing_traits(assignment, detections)
@@ -226,25 +213,3 @@ def _without(seen: Followed, people: set[int]) -> Followed:
 
 def _some_view_lacks_a_person(views: Views) -> bool:
     return bool((np.nan_to_num(views.score).max(axis=2) == 0).any())
-
-
-class StageClock:
-    """Adds up wall-clock seconds per named stage."""
-
-    def __init__(self) -> None:
-        self._began_s = time.perf_counter()
-        self.seconds: dict[str, float] = {}
-
-    @contextmanager
-    def stage(self, name: str) -> Iterator[None]:
-        """Time the block as part of stage `name`."""
-        began_s = time.perf_counter()
-        try:
-            yield
-        finally:
-            self.seconds[name] = self.seconds.get(name, 0.0) + time.perf_counter() - began_s
-
-    @property
-    def total_s(self) -> float:
-        """Since this clock was made."""
-        return time.perf_counter() - self._began_s

@@ -28,7 +28,7 @@ from posefuse.formats.pose2d import Pose2DFrames, read_pose2d_of_cameras
 from posefuse.foundation.platform import usable_cores
 from posefuse.sources import Coverage, DepthSource, ImagesConfig, RecordedSource, VideoConfig, incomplete_cameras
 
-from .config import CONFIG_FILE, CameraInput, TrackConfig, project_rate_hz
+from .config import CONFIG_FILE, CameraInput, TrackConfig
 from .session import LEAST_CAMERAS, Input, Session, data_entries, fitted_camera, least_cameras
 from .time_steps import ImageTimeSteps, Timeline, TimeStep, check_time_steps, common_timeline, frame_period_ns, stored_steps
 
@@ -149,22 +149,19 @@ def build_source(entry: Input, config: TrackConfig, cameras: int = 1) -> Recorde
     return DepthSource(source, entry.depth, given.offset_s, given.drift_ppm) if entry.depth else source
 
 
-# 2D poses in files of other tools. Their frame rate: as set, as the project or the videos next to them state it.
+# 2D poses in files of other tools. Their frame rate: as set, or as the videos next to them state it.
 
 
 def pose2d_rate_hz(session: Session, config: TrackConfig) -> float:
     """Frames per second of a session's 2D poses.
 
-    The first of these that is known: ``rate_hz`` of the config (``--rate``), the ``Config.toml`` of a Pose2Sim project, the
-    videos in the session's folder.
+    ``rate_hz`` of the config (``--rate``); without it, that of the videos in the session's folder.
 
     Raises:
-        InputError: none of them is known, or two videos have different rates.
+        InputError: neither is known, or two videos have different rates.
     """
     if config.rate_hz is not None:
         return config.rate_hz
-    if (stated_hz := project_rate_hz(session.folder)) is not None:
-        return stated_hz
     rates = dict(_video_rates(session.folder))
     if not rates:
         raise InputError(

@@ -45,8 +45,8 @@ class ResultFolder:
 
     @property
     def replace(self) -> bool:
-        """Whether an older result may be replaced: a result that Ctrl-C cut short has its detections with it."""
-        return self.force or (self.resume and (self.path / LOG_FILE).is_file())
+        """Whether an older result may be moved aside: as the interrupted run that is continued was allowed to."""
+        return self.force or (self.resume and unfinished_work(self.path) is not None)
 
     def check(self, session: Session, config: TrackConfig) -> None:
         """Check the outputs and everything about the folder before any work is done.
@@ -69,32 +69,31 @@ class ResultFolder:
             InputError: as `check`; or the detections to continue were made from other inputs or with other settings.
         """
         unfinished = self._unfinished()
-        if self.resume and unfinished is None and not self.replace:
+        if self.resume and unfinished is None:
             progress("detect", 0, None, "nothing to resume: starts from the beginning")
         try:
-            with output_folder(
-                self.path,
-                command="track",
-                inputs=opened.session.files,
-                replace=self.replace,
-                estimated_bytes=estimated_result_bytes(opened, 1),
-                keep_unfinished=True,
-                unfinished=unfinished,
-            ) as folder:
-                if self.resume and unfinished is None and self.replace:
-                    shutil.copyfile(self.path / LOG_FILE, folder.folder / LOG_FILE)
-                with closing(DetectionStore(folder.folder, opened)) as store:
-                    yield folder, store
-            if store.finished:
-                # not before the result is in its place: what ends the program there would lose both
-                (folder.target / LOG_FILE).unlink(missing_ok=True)
+            with (
+                output_folder(
+                    self.path,
+                    command="track",
+                    inputs=opened.session.files,
+                    replace=self.replace,
+                    estimated_bytes=estimated_result_bytes(opened, 1),
+                    keep_unfinished=True,
+                    unfinished=unfinished,
+                ) as folder,
+                closing(DetectionStore(folder.folder, opened)) as store,
+            ):
+                yield folder, store
+            # not before the result is in its place: what ends the program there would lose both
+            (folder.target / LOG_FILE).unlink(missing_ok=True)
         except BaseException:
             if unfinished_work(self.path) is not None:
                 progress("detect", 0, None, KEPT)
             raise
 
     def _unfinished(self) -> Path | None:
-        """The folder to continue in; None where none is asked for, and where a result that was cut short has its detections."""
+        """The folder to continue in; None where there is none, or where the work starts from the beginning."""
         found = unfinished_work(self.path)
         if self.force:
             for folder in find_unfinished(self.path):
@@ -130,14 +129,12 @@ class DetectionStore:
 
     Attributes:
         stored: the time steps that the earlier run finished, after which the log continues; None: it finished none.
-        finished: whether its detections are part of a finished result; to be set.
 
     Raises:
         InputError: the earlier run had other inputs or settings; names the first of them.
     """
 
     def __init__(self, folder: Path, opened: Opened) -> None:
-        self.finished = False
         self._path, made_with = folder / LOG_FILE, detection_dependencies(opened)
         earlier = read_log(self._path) if self._path.exists() else None
         if earlier is not None:

@@ -18,7 +18,7 @@ from posefuse.formats.pose2d import POSE2D_SUFFIXES, PREDICTIONS_FOLDER
 from posefuse.formats.rig import fit_camera_to_video, read_placed_rig, rig_warnings
 from posefuse.sources import IMAGE_SUFFIXES, VIDEO_SUFFIXES
 
-from .config import PROJECT_FILE, CameraInput, TrackConfig
+from .config import CameraInput, TrackConfig
 from .reading import is_result
 
 RIG_PATTERNS = (
@@ -166,12 +166,7 @@ def _rig_path(folder: Path, config: TrackConfig) -> Path:
 
 def rig_files(folder: Path) -> list[Path]:
     """Calibration files in the usual places of a folder, the one to use first."""
-    return [path for place in _rig_folders(folder) for pattern in RIG_PATTERNS for path in sorted((folder / place).glob(pattern))]
-
-
-def _rig_folders(folder: Path) -> tuple[str, ...]:
-    """Where a calibration may lie; the trials of a Pose2Sim session share that of the folder above."""
-    return (*RIG_FOLDERS, "../calibration", "../Calibration") if (folder.parent / PROJECT_FILE).is_file() else RIG_FOLDERS
+    return [path for place in RIG_FOLDERS for pattern in RIG_PATTERNS for path in sorted((folder / place).glob(pattern))]
 
 
 def data_entries(folder: Path, kind: str) -> list[Path]:

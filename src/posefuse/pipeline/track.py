@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import itertools
+import time
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import closing
 from pathlib import Path
@@ -45,7 +46,7 @@ from posefuse.tracking import smooth
 from posefuse.tracking.warm_up import made_up_detections
 
 from .config import TrackConfig
-from .following import FollowedLog, PeopleFollower, StageClock
+from .following import FollowedLog, PeopleFollower
 from .opening import Opened, open_session
 from .result_folder import DetectionStore, ResultFolder
 from .session import LEAST_CAMERAS, Session
@@ -60,13 +61,13 @@ class Tracked:
 
     Attributes:
         recording: the result; its provenance has how well each camera fits (``camera_fits``) and what is wrong with the rig
-            (``rig_warnings``). interrupted: Ctrl-C ended it early. clock: seconds of its stages.
+            (``rig_warnings``). seconds: of the whole run. start_up_s: until the first image was looked at.
         files: written, where they lie at the end. failed: why outputs were not written, by name.
     """
 
     recording: Recording
-    interrupted: bool
-    clock: StageClock
+    seconds: float
+    start_up_s: float
     files: Sequence[Path] = ()
     failed: Mapping[str, str] = dataclasses.field(default_factory=dict)
 
@@ -76,22 +77,18 @@ def track_session(
     config: TrackConfig,
     out: ResultFolder | None = None,
     progress: Progress = silent,
-    *,
-    solve_interrupted: bool = True,
 ) -> Tracked:
     """Detect, solve and write; a problem that does not stop the work is a `UserWarning`.
 
     Args:
         out: where the result is written, and the detections are kept while they are made; None: nothing is kept on disk.
         progress: of the stages ``detect`` and ``write``.
-        solve_interrupted: on Ctrl-C solve and write what was detected; otherwise keep the detections and raise.
 
     Raises:
-        KeyboardInterrupt: Ctrl-C, when nothing can or should be solved.
-        PosefuseError: anything that leaves fewer than two usable cameras, or no person to follow; the detections made so far are
-            kept where another attempt can use them.
+        KeyboardInterrupt: Ctrl-C. PosefuseError: anything that leaves fewer than two usable cameras, or no person to follow.
+            With either the detections made so far are kept where another attempt can use them.
     """
-    clock, kind = StageClock(), session.kind
+    began_s, kind = time.perf_counter(), session.kind
     if out is not None:
         out.check(session, config)
     for line in session.notes:
@@ -99,55 +96,43 @@ def track_session(
     progress("detect", 0, None, f"{len(session.inputs)} cameras from {session.rig_path} ({kind})")
     if kind != "pose2d":
         fetch_networks(config.detector, progress)
-    with clock.stage("open"):
-        opened = open_session(session, config)
-    with closing(opened):
-        sinks = [] if out is None else build_sinks(config.outputs, opened.skeleton)
-        moved = _moved_cameras(opened, clock, progress)
-        with clock.stage("compile"), compiling("tracking", lambda line: progress("detect", 0, None, line)):
+    files, failed = list[Path](), dict[str, str]()
+    with closing(open_session(session, config)) as opened:
+        sinks = [] if out is None else build_sinks(config.outputs)
+        with compiling("tracking", lambda line: progress("detect", 0, None, line)):
             warm_up(opened)
+        start_up_s = time.perf_counter() - began_s
+        moved = _moved_cameras(opened, progress)
         if out is None:
-            return _tracked(opened, moved, clock, progress, None, solve_interrupted=solve_interrupted)
-        with out.made(opened, progress) as (folder, store):
-            tracked = _tracked(opened, moved, clock, progress, store, solve_interrupted=solve_interrupted)
-            recording = tracked.recording
-            if tracked.interrupted:
-                steps = len(recording.poses)
-                warn_caller(
-                    f"stopped early; the first {steps} time steps are finished and kept; `resume=True` continues from them"
-                )
-            check_space(folder.folder, estimated_result_bytes(opened, len(recording.poses.person_id)))
-            with clock.stage("write"):
+            recording = _tracked(opened, moved, progress, None)
+        else:
+            with out.made(opened, progress) as (folder, store):
+                recording = _tracked(opened, moved, progress, store)
+                check_space(folder.folder, estimated_result_bytes(opened, len(recording.poses.person_id)))
                 files, failed = write_result(recording, session, sinks, folder, progress)
-            warn_of_failures(failed)
-            store.finished = not tracked.interrupted
-            return dataclasses.replace(tracked, files=files, failed=failed)
+                warn_of_failures(failed)
+    seconds = time.perf_counter() - began_s
+    return Tracked(recording=recording, seconds=seconds, start_up_s=start_up_s, files=files, failed=failed)
 
 
 def _tracked(
     opened: Opened,
     moved: Sequence[Mapping[str, Any]],
-    clock: StageClock,
     progress: Progress,
     store: DetectionStore | None,
-    *,
-    solve_interrupted: bool,
-) -> Tracked:
+) -> Recording:
     """Detect, then solve; `moved` is what is wrong with the rig already, see `_moved_cameras`."""
     session = opened.session
-    observations, interrupted = detect(opened, clock, progress, store)
-    if interrupted and not solve_interrupted:
-        raise KeyboardInterrupt
-    incomplete = [] if interrupted else opened.incomplete()
+    observations = detect(opened, progress, store)
+    incomplete = opened.incomplete()
     # decoded frames are not needed any more, and an hour to be solved takes much memory
     opened.close()
     for line in incomplete:
         warn_caller(line)
     try:
         _check_people(observations)
-        with clock.stage("smooth"):
-            opened, observations = _with_known_noise(opened, observations, progress)
-            recording = with_refined_rig(solve_followed(observations, opened.rig, provenance_of(opened, incomplete)))
+        opened, observations = _with_known_noise(opened, observations, progress)
+        recording = with_refined_rig(solve_followed(observations, opened.rig, provenance_of(opened, incomplete)))
     except PosefuseError:
         if store is not None and not (observations.score > 0).any():
             store.discard()
@@ -156,12 +141,11 @@ def _tracked(
         progress("detect", 0, None, line)
     if doubt := size_doubt(recording.poses.skeleton, recording.poses.xyz_world):
         warn_caller(f"{session.rig_path.name}: {doubt}")
-    with clock.stage("watch"):
-        cameras, findings = checked_rig(recording, opened.rig)
+    cameras, findings = checked_rig(recording, opened.rig)
     for line in (lines := [finding_line(one, session.folder) for one in findings]):
         warn_caller(line)
     about = {**recording.provenance, **rig_facts(cameras, moved, lines)}
-    return Tracked(recording=dataclasses.replace(recording, provenance=about), interrupted=interrupted, clock=clock)
+    return dataclasses.replace(recording, provenance=about)
 
 
 def _with_known_noise(opened: Opened, observations: Observations, progress: Progress) -> tuple[Opened, Observations]:
@@ -189,10 +173,9 @@ def recorded_noise_scale(observations: Observations, rig: Rig, fusing: FuseSetti
     return noise_scale(disagreement(rig, *seen, fusing))
 
 
-def _moved_cameras(opened: Opened, clock: StageClock, progress: Progress) -> list[dict[str, Any]]:
+def _moved_cameras(opened: Opened, progress: Progress) -> list[dict[str, Any]]:
     """Cameras that moved by what the background shows, for the provenance; what else there is to know is reported."""
-    with clock.stage("watch"):
-        background = background_of(opened.sources, opened.rig.cameras, opened.timeline.span_ns)
+    background = background_of(opened.sources, opened.rig.cameras, opened.timeline.span_ns)
     moved: list[dict[str, Any]] = [
         {"camera": one.cameras[0], "t_ns": one.t_ns, "warning": finding_line(one, opened.session.folder)}
         for one in background.moved
@@ -223,10 +206,8 @@ def warm_up(opened: Opened) -> None:
         smooth(PoseSequence.from_poses(people), config.smooth)
 
 
-def detect(
-    opened: Opened, clock: StageClock, progress: Progress = silent, store: DetectionStore | None = None
-) -> tuple[Observations, bool]:
-    """All detections with the people that the online pass followed, and whether Ctrl-C ended it early.
+def detect(opened: Opened, progress: Progress = silent, store: DetectionStore | None = None) -> Observations:
+    """All detections with the people that the online pass followed.
 
     What `store` has already is not detected again; what is new is given to it at once.
     """
@@ -236,21 +217,14 @@ def detect(
         rig=opened.rig,
         associating=config.associate,
         fusing=config.fuse,
-        clock=clock,
         keep=store.append if store else None,
     )
     steps = itertools.chain(stored_steps(stored) if stored else (), opened.steps(stored))
-    log, done = FollowedLog(follower), 0
-    interrupted = False
-    try:
-        for done, one in enumerate(follower.follow(steps), start=1):
-            log.add(one)
-            progress("detect", done, opened.timeline.count)
-    except KeyboardInterrupt:
-        if done < 2:
-            raise
-        interrupted = True
-    return log.observations(), interrupted
+    log = FollowedLog(follower)
+    for done, one in enumerate(follower.follow(steps), start=1):
+        log.add(one)
+        progress("detect", done, opened.timeline.count)
+    return log.observations()
 
 
 def provenance_of(opened: Opened, incomplete: Sequence[str]) -> dict[str, Any]:

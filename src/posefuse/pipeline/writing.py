@@ -5,11 +5,11 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import closing
 from pathlib import Path
-from typing import Any, Literal, Protocol, runtime_checkable
+from typing import Any, Literal
 
 import numpy as np
 
-from posefuse.core import ConfigError, Frame, InputError, PosefuseError, Progress, Recording, Sink, Skeleton, SourceError, silent
+from posefuse.core import ConfigError, Frame, InputError, PosefuseError, Progress, Recording, Sink, SourceError, silent
 from posefuse.core.errors import warn_caller
 from posefuse.evaluation.biomechanics import BiomechanicsSettings, write_biomechanics
 from posefuse.evaluation.report import TITLE
@@ -102,31 +102,14 @@ def _reported_already(camera: str, error: SourceError) -> None:
     """A camera that breaks off did so in tracking too, and was reported there."""
 
 
-@runtime_checkable
-class SkeletonSink(Sink, Protocol):
-    """An output that depends on the keypoints that there will be."""
-
-    def check(self, skeleton: Skeleton) -> None:
-        """Raise ConfigError where it cannot be written for this skeleton; asked before any work is done."""
-        ...
-
-
-def build_sinks(outputs: Sequence[str] | Mapping[str, Mapping[str, Any]], skeleton: Skeleton | None = None) -> list[Sink]:
+def build_sinks(outputs: Sequence[str] | Mapping[str, Mapping[str, Any]]) -> list[Sink]:
     """The outputs of these names, each once, with its options where it has some.
 
-    Args:
-        skeleton: of the recording to be written, where it is known.
-
     Raises:
-        ConfigError: one that does not exist, an option that it does not take, or keypoints that it cannot do with; before any
-            work is done.
+        ConfigError: one that does not exist, or an option that it does not take; before any work is done.
     """
     options = outputs if isinstance(outputs, Mapping) else dict[str, Mapping[str, Any]]()
-    sinks: list[Sink] = [build_plugin("outputs", name, options.get(name, {})) for name in dict.fromkeys(outputs)]
-    for sink in sinks:
-        if skeleton is not None and isinstance(sink, SkeletonSink):
-            sink.check(skeleton)
-    return sinks
+    return [build_plugin("outputs", name, options.get(name, {})) for name in dict.fromkeys(outputs)]
 
 
 def write_result(
@@ -185,7 +168,7 @@ def export_recording(
     Raises:
         ConfigError: no such format, or none. InputError: the folder holds anything else, or what is needed cannot be written.
     """
-    sinks, alone = build_sinks(formats, recording.poses.skeleton), command == "export"
+    sinks, alone = build_sinks(formats), command == "export"
     if alone and not sinks:
         raise ConfigError("outputs: expected at least one of those that `posefuse plugins` lists, got none")
     if alone and session is None and any(isinstance(sink, FrameSink) for sink in sinks):

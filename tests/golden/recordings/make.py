@@ -19,8 +19,10 @@ from posefuse.core import Camera, Rig
 from posefuse.formats.detection_log import LOG_FILE
 from posefuse.formats.recording import read_recording
 from posefuse.formats.rig import write_rig
-from posefuse.pipeline.edits import Edits, Exclusion, write_edits
+from posefuse.foundation.output_folder import find_unfinished
+from posefuse.pipeline.edits import Edits, Exclusion
 from posefuse_sim.cameras import looking_at
+from posefuse_studio.pages.recording import write_edits
 
 HERE = Path(__file__).parent
 
@@ -55,7 +57,8 @@ def make(work: Path) -> None:
     shutil.rmtree(HERE / "result", ignore_errors=True)
     shutil.copytree(work / "result", HERE / "result")
     shutil.move(HERE / "result" / "pose.mcap", HERE / "exported.mcap")
-    shutil.copyfile(work / "stopped" / LOG_FILE, HERE / LOG_FILE)
+    [left] = find_unfinished(work / "stopped")
+    shutil.copyfile(left / LOG_FILE, HERE / LOG_FILE)
     poses = read_recording(HERE / "result").poses
     facts = {"xyz_mm": np.round(1e3 * poses.xyz_world[7, 0], 3).tolist(), "time_steps": len(poses)}
     (HERE / "facts.json").write_text(json.dumps(facts) + "\n", encoding="utf-8")

@@ -15,9 +15,9 @@ from collections.abc import Callable, Iterator
 from importlib import import_module
 from typing import Any
 
-from posefuse.api.catalogue import thumbnail
 from posefuse.core import DependencyError, InputError, PosefuseError
 from posefuse.foundation.requests_to_end import HANG_UP, handling, heeded
+from posefuse_studio.catalogue import thumbnail
 
 from .workspace import STATE_FOLDER, StudioWorkspace, private_folder, write_private
 

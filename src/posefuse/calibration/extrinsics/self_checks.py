@@ -191,7 +191,6 @@ def check_upright(cameras: Sequence[Camera], up_cam: Array) -> Check:
     return Check(
         "images are upright", not wrong, f"upside down: {', '.join(wrong)}" if wrong else "the top of every image is up",
         "turn the image; for a camera that is mounted upside down, name it with `upside_down=CAMERA`", "upside down",
-        tuple(wrong),
     )  # fmt: skip
 
 

@@ -1,4 +1,4 @@
-"""A study from end to end: find its sessions, do what is not done yet, write the table and the summary page."""
+"""A study from end to end: find its sessions, do what is not done yet, write the table."""
 
 from __future__ import annotations
 
@@ -13,18 +13,16 @@ import numpy as np
 
 from posefuse.core import DiskFullError, InputError, Progress, silent
 from posefuse.detection.build import fetch_networks
-from posefuse.formats.page import write_page
-from posefuse.foundation.output_file import atomic_file, check_outside_inputs, keep_copy, write_text
-from posefuse.foundation.output_folder import check_replaceable, growing_folder, made_again
+from posefuse.foundation.output_file import atomic_file, check_outside_inputs, earlier_kept, keep_copy, write_text
+from posefuse.foundation.output_folder import check_replaceable, growing_folder
 from posefuse.foundation.summary import Block, Heading, Note, Table
 from posefuse.pipeline.writing import build_sinks
 
-from .page import study_page
 from .processes import default_jobs, outcomes_here, outcomes_on_cluster
 from .tasks import Outcome, Task, Trial, completed, find_trials, stored_outcome
 
 COMMAND = "batch"
-TABLE_FILE, PAGE_FILE = "study.csv", "study.html"
+TABLE_FILE = "study.csv"
 _SHOWN = {
     "speed_m_s": "speed, m/s",
     "cadence_per_min": "steps/min",
@@ -39,7 +37,7 @@ class Study:
     """All trials of a study and what became of them.
 
     Attributes:
-        out: folder with a result folder per trial, the table ``study.csv`` and the page ``study.html``.
+        out: folder with a result folder per trial, and the table ``study.csv``.
         trials: by name. outcomes: of these trials, in the same order. kept: names of trials that were complete before.
     """
 
@@ -54,11 +52,6 @@ class Study:
         return {one.name: one.reason for one in self.outcomes if one.reason}
 
     @property
-    def page(self) -> Path:
-        """The summary of all trials."""
-        return self.out / PAGE_FILE
-
-    @property
     def table(self) -> Path:
         """The numbers of all trials."""
         return self.out / TABLE_FILE
@@ -68,7 +61,7 @@ class Study:
         rows = self.rows()
         shown = {name: title for name, title in _SHOWN.items() if any(name in row for row in rows)}
         cells = [[*(row[name] for name in _FIRST_COLUMNS[:3]), *(row.get(name) for name in shown)] for row in rows]
-        line = f"{len(self.failed)} of {len(rows)} trials failed; the reasons are above and in {self.page}"
+        line = f"{len(self.failed)} of {len(rows)} trials failed; the reasons are above and in {self.table}"
         failed = [Note(line, warning=True)] if self.failed else []
         return [Heading("Study"), Table([*_FIRST_COLUMNS[:3], *shown.values()], cells), *failed]
 
@@ -120,7 +113,7 @@ def run_study(
     build_sinks(formats)
     trials = find_trials(study)
     check_outside_inputs(out, [study])
-    folder = growing_folder(out, command=COMMAND, names=[TABLE_FILE, PAGE_FILE, *(f"{trial.name}.json" for trial in trials)])
+    folder = growing_folder(out, command=COMMAND, names=[TABLE_FILE, *(f"{trial.name}.json" for trial in trials)])
     changes = {"outputs": tuple(formats), **settings}
     tasks = {trial.name: Task(trial=trial, out=folder / trial.name, settings=changes, report=report) for trial in trials}
     outcomes = _complete(folder, tasks, replace)
@@ -145,8 +138,6 @@ def run_study(
     result = Study(out=folder, trials=tuple(trials), outcomes=tuple(outcomes[name] for name in tasks), kept=kept)
     with _naming_what_is_kept():
         _write_table(result)
-        with made_again(result.page):
-            write_page(result.page, study_page(study.resolve().name, result.rows()))
     return result
 
 
@@ -194,9 +185,9 @@ def _write_outcome(folder: Path, outcome: Outcome) -> None:
 
 def _write_table(study: Study) -> None:
     """Floats to six digits; what is not known is empty."""
-    rows = [{name: value for name, value in row.items() if not isinstance(value, list)} for row in study.rows()]
+    rows = study.rows()
     columns = dict.fromkeys([*_FIRST_COLUMNS, *(name for row in rows for name in row)])
-    with made_again(study.table), atomic_file(study.table) as new, new.open("w", newline="", encoding="utf-8") as file:
+    with earlier_kept(study.table), atomic_file(study.table) as new, new.open("w", newline="", encoding="utf-8") as file:
         writer = csv.DictWriter(file, columns, restval="")
         writer.writeheader()
         writer.writerows({name: _cell(value) for name, value in row.items()} for row in rows)

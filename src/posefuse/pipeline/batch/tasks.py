@@ -26,7 +26,7 @@ from posefuse.pipeline.session import KINDS, RIG_FOLDERS, data_entries, find_ses
 from posefuse.pipeline.track import track_session
 from posefuse.pipeline.writing import report_folder, write_report_folder
 
-from .page import recording_figures
+from .figures import recording_figures
 
 # Which sessions a study has: every folder below it with data of cameras.
 
@@ -149,7 +149,7 @@ class Outcome:
 
     Attributes:
         name: of the trial. made_with: as in its task. reason: why it failed; empty where it is complete.
-        seconds: it took. warnings: lines about what is not as it should be. figures: by name, numbers or lists of them.
+        seconds: it took. warnings: lines about what is not as it should be. figures: numbers by name.
     """
 
     name: str
@@ -215,8 +215,8 @@ def _tracked(task: Task) -> Recording:
     if unfinished_work(out) is not None:
         # made in another way: from the beginning
         with contextlib.suppress(InputError):
-            return track_session(session, config, ResultFolder(path=out, resume=True), solve_interrupted=False).recording
-    return track_session(session, config, ResultFolder(path=out, force=True), solve_interrupted=False).recording
+            return track_session(session, config, ResultFolder(path=out, resume=True)).recording
+    return track_session(session, config, ResultFolder(path=out, force=True)).recording
 
 
 def _write_report(recording: Recording, task: Task) -> None:

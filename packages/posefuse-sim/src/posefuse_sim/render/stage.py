@@ -20,7 +20,6 @@ import numpy as np
 from posefuse.core import SE3, DependencyError
 from posefuse.core.arrays import Array
 from posefuse.core.ideal_image import SourceView
-from posefuse.foundation.platform import offscreen_backends
 
 _NEAR_M = 0.05
 _FAR_M = 80.0
@@ -104,7 +103,8 @@ class RenderStage:
         return self._mujoco.MjrRect(0, 0, view.width, view.height)
 
 
-BACKENDS = offscreen_backends()
+# MuJoCo's ways to draw without a screen here, best first
+BACKENDS = {"win32": ("wgl",), "darwin": ("cgl",)}.get(sys.platform, ("egl", "osmesa"))
 _MODULES = {"wgl": "glfw"}  # MuJoCo draws by WGL through the module of this name
 _PYOPENGL = ("egl", "osmesa")  # platform names of PyOpenGL
 _PROBE_LIMIT_S, _DRAWN = 120, "drawn"

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import signal
 import sys
+import threading
 from collections.abc import Iterable, Iterator
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
@@ -22,7 +24,7 @@ from posefuse.core import InputError, PosefuseError
 from posefuse.core.arrays import Array
 from posefuse.formats.npz import write_arrays
 from posefuse.formats.video import VideoWriter
-from posefuse.foundation.requests_to_end import children_ignore_requests, leave_requests_to_parent
+from posefuse.foundation.requests_to_end import HANG_UP, handling, leave_requests_to_parent
 from posefuse.outputs.drawing import jpeg_of
 from posefuse_sim.build import LiveScene
 from posefuse_sim.exact import SeenPoints
@@ -93,6 +95,18 @@ def render_all(job: RenderJob, tasks: Iterable[tuple[FrameRun, Array, SeenPoints
     finally:
         stop.set()
         pool.shutdown(wait=True, cancel_futures=True)
+
+
+@contextmanager
+def children_ignore_requests() -> Iterator[None]:
+    """Processes started within ignore Ctrl-C and hang-ups from their start on; `leave_requests_to_parent` keeps it so.
+
+    They would print a trace of what they import just then. Only the main thread can see to it.
+    """
+    main = threading.current_thread() is threading.main_thread()
+    ignored = [signal.SIGINT, *([] if HANG_UP is None else [HANG_UP])] if main else []
+    with handling(ignored, signal.SIG_IGN):
+        yield
 
 
 @contextmanager

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import asyncio
 import dataclasses
+import json
 from collections.abc import Callable, Mapping, Sequence
-from pathlib import PurePosixPath
+from pathlib import Path, PurePosixPath
 from typing import Any
 
 import numpy as np
@@ -16,8 +17,10 @@ from posefuse.core import InputError, JointAngles, PosefuseError
 from posefuse.core.arrays import Array
 from posefuse.core.joint_angles import angle_labels
 from posefuse.core.palette import colour_of
-from posefuse.foundation.parsing import plain
+from posefuse.foundation.output_file import write_text
+from posefuse.foundation.parsing import parse_json, plain, read_text
 from posefuse.foundation.plugins import list_plugins
+from posefuse.foundation.settings import settings_from_mapping
 from posefuse_studio.player import ResultPlayer, angles_and_strikes, open_recording
 from posefuse_studio.scene import CameraTile, RigScene, first_angles
 from posefuse_studio.shell import card, file_address, icon_button, job_lines, light, recent, redrawn, refused, small, title, words
@@ -201,6 +204,42 @@ def _degrees(joints: JointAngles, n: int, text: str) -> Array:
     return joints.of(int(joints.person_id[n]))[joint, angle].deg
 
 
+# Corrections next to the recording that they are about: kept until they are changed, used by "Solve again".
+
+_FORMAT = "posefuse edits"
+
+
+def edits_path(recording: Path) -> Path:
+    """Where the corrections of a result folder, or of the .mcap of a live session, are kept."""
+    return recording / "edits.json" if recording.is_dir() else recording.with_name(f"{recording.stem}.edits.json")
+
+
+def read_edits(recording: Path) -> pf.Edits | None:
+    """The corrections kept for a recording; None where nothing was kept, which is not the same as that all were taken back.
+
+    Raises:
+        InputError: a file of this name that posefuse did not write. ConfigError: a wrong value in it.
+    """
+    path = edits_path(recording)
+    if not path.is_file():
+        return None
+    content = parse_json(str(path), read_text(path))
+    if not isinstance(content, dict) or content.pop("format", None) != _FORMAT:
+        raise InputError(f"{path}: not edits of posefuse; move it away")
+    return settings_from_mapping(content, pf.Edits, where=str(path))
+
+
+def write_edits(recording: Path, edits: pf.Edits) -> None:
+    """Keep the corrections of a recording in place of the earlier ones.
+
+    Raises:
+        InputError: it cannot be written, or a file of this name is not one of posefuse.
+    """
+    read_edits(recording)  # never written over unless it is ours
+    about = {"format": _FORMAT, **plain(dataclasses.asdict(edits))}
+    write_text(edits_path(recording), json.dumps(about, indent=2, ensure_ascii=False) + "\n")
+
+
 _ALL = "all cameras (a bad stretch)"
 _ALL_PEOPLE = -1
 
@@ -218,6 +257,7 @@ class EditCard:
     def __init__(self, studio: Studio, name: str, recording: pf.Recording, now: Callable[[], float]) -> None:
         self._studio, self._name, self._recording, self._now = studio, name, recording, now
         self._from_s: float | None = None
+        self._path = studio.workspace.existing(name)
         self.edits = pf.Edits()
         self._read(refused)
         with card("Corrections"):
@@ -264,7 +304,8 @@ class EditCard:
     def _read(self, show: Callable[[str], object] = bool) -> pf.Edits:
         """As they are kept now: another page may show the same recording. `show`: is given why they cannot be read."""
         try:
-            self.edits = self._recording.edits
+            kept = read_edits(self._path)
+            self.edits = self._recording.edits if kept is None else kept
         except PosefuseError as error:
             show(self._studio.workspace.in_names(str(error)))
         return self.edits
@@ -290,7 +331,7 @@ class EditCard:
 
     def _change(self, **changes: object) -> None:
         edits: pf.Edits = dataclasses.replace(self._read(), **changes)  # type: ignore[arg-type]
-        self._recording.keep_edits(edits)
+        write_edits(self._path, edits)
         self.edits = edits
         self._show()
 

@@ -11,7 +11,7 @@ from urllib.parse import urlencode
 from nicegui import ui
 from nicegui.binding import BindableProperty
 
-from posefuse.api.catalogue import Listed, find_recordings, listed
+from posefuse_studio.catalogue import Listed, find_recordings, listed
 from posefuse_studio.shell import dialog, job_lines, light, network_field, recent, recording_address, small, title
 from posefuse_studio.state import Studio
 from posefuse_studio.workspace import check_name, recording_place

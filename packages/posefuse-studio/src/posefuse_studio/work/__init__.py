@@ -183,7 +183,7 @@ def batch_job(arguments: Arguments, workspace: StudioWorkspace, progress: pf.Pro
     study = pf.batch(place, out, networks=arguments.get("networks") or None, progress=progress)
     for name, reason in study.failed.items():
         progress("batch", len(study.trials), len(study.trials), f"warning: {name}: {reason}")
-    return {"page": workspace.name_of(study.page), "failed": dict(study.failed)}
+    return {"files": [workspace.name_of(study.table)], "failed": dict(study.failed)}
 
 
 def simulate_walk_job(arguments: Arguments, workspace: StudioWorkspace, progress: pf.Progress) -> Result:

@@ -15,15 +15,11 @@ from typing import Literal
 
 import numpy as np
 
-from posefuse.core import InputError, PosefuseError
-from posefuse.formats.recording import ABOUT_FILE, ARRAYS_FILE
+import posefuse as pf
+from posefuse.core import PosefuseError
 from posefuse.foundation.output_file import atomic_file
+from posefuse.foundation.output_folder import MARK_FILE, read_mark
 from posefuse.foundation.platform import default_cache_dir
-from posefuse.outputs.provenance import recorded_utc
-from posefuse.pipeline.batch.page import quality_figures
-from posefuse.pipeline.reading import LIVE_SUFFIX, is_live, is_result, read_result
-
-from .recording import recording_of
 
 CACHE_FOLDER = "recordings"
 # how deep recordings may lie below the folder: STUDY/P01/walk1/RESULT
@@ -76,31 +72,6 @@ class Listed:
         return all(word in text for word in search.lower().split())
 
 
-def recordings(folder: str | Path, *, search: str = "") -> list[Listed]:
-    """The results and live recordings below a folder with how good each is, the newest first.
-
-    What was found out is kept in the cache folder: the second time takes a fraction of the first.
-
-    Args:
-        folder: looked through, five folders deep; at most 2000 recordings. search: words of path, session, date or people.
-
-    Returns:
-        One entry each; those that cannot be read have a `problem`.
-
-    Raises:
-        InputError: no such folder.
-
-    Examples:
-        >>> import posefuse as pf
-        >>> [one.path.name for one in pf.recordings("STUDY", search="walk") if one.sigma_mm > 20]  # doctest: +SKIP
-        ['P03_walk2']
-    """
-    place = Path(folder)
-    if not place.is_dir():
-        raise InputError(f"{place}: no such folder")
-    return [one for path in find_recordings(place) if (one := listed(path)).matches(search)]
-
-
 def find_recordings(folder: Path, most: int = 2000) -> list[Path]:
     """Result folders and .mcap files below a folder, the newest first; at most so many.
 
@@ -125,7 +96,7 @@ def listed(path: Path) -> Listed:
 
 
 def _found(folder: Path, depth: int) -> Iterator[Path]:
-    if is_result(folder):
+    if _is_result(folder):
         yield folder
         return
     try:
@@ -138,35 +109,37 @@ def _found(folder: Path, depth: int) -> Iterator[Path]:
         if entry.is_dir(follow_symlinks=False):
             if depth < _DEEPEST:
                 yield from _found(Path(entry.path), depth + 1)
-        elif is_live(Path(entry.path)) and not _goes_with_another(Path(entry.path)):
+        elif _is_live(Path(entry.path)) and not _goes_with_another(Path(entry.path)):
             yield Path(entry.path)
 
 
 def _goes_with_another(path: Path) -> bool:
     """Whether a .mcap file continues another one (NAME.2.mcap), or holds the robot that followed it (NAME.robot.mcap)."""
     first, _, what = path.stem.rpartition(".")
-    return (what.isdigit() or what == "robot") and bool(first) and path.with_name(first + LIVE_SUFFIX).is_file()
+    return (what.isdigit() or what == "robot") and bool(first) and path.with_name(first + path.suffix).is_file()
 
 
-def _main_file(path: Path) -> Path:
-    return path if is_live(path) else path / ABOUT_FILE
+def _is_live(path: Path) -> bool:
+    return path.suffix.lower() == ".mcap" and not path.is_dir()
+
+
+def _is_result(path: Path) -> bool:
+    mark = read_mark(path)
+    return mark is not None and mark.command == "track"
 
 
 def _modified_s(path: Path) -> float:
     try:
-        return _main_file(path).stat().st_mtime
+        return (path if _is_live(path) else path / MARK_FILE).stat().st_mtime
     except OSError:
         return 0.0
 
 
 def cache_place(path: Path, suffix: str) -> Path:
     """Where what is known of the recording is kept: by place, size and time of its files."""
-    parts = [str(path.resolve()), str(_VERSION)]
-    for file in (_main_file(path), path / ARRAYS_FILE):
-        if file.is_file():
-            about = file.stat()
-            parts.append(f"{about.st_size} {about.st_mtime_ns}")
-    name = hashlib.sha256("\n".join(parts).encode()).hexdigest()[:32]
+    files = sorted(one for one in path.iterdir() if one.is_file()) if path.is_dir() else [path]
+    about = [f"{one.name} {one.stat().st_size} {one.stat().st_mtime_ns}" for one in files if one.is_file()]
+    name = hashlib.sha256("\n".join([str(path.resolve()), str(_VERSION), *about]).encode()).hexdigest()[:32]
     return default_cache_dir() / CACHE_FOLDER / f"{name}.{suffix}"
 
 
@@ -181,19 +154,19 @@ def keep_cached(place: Path, content: bytes) -> None:
 
 
 def _looked_at(path: Path) -> Listed:
-    live, modified_s = is_live(path), _modified_s(path)
+    live, modified_s = _is_live(path), _modified_s(path)
     try:
         if live and path.stat().st_size > _MOST_LIVE_BYTES:
             return Listed(path=path, live=True, modified_s=modified_s, problem="long: open it to see how good it is")
-        recording = read_result(path, lambda line: None, observed=False)
+        recording = pf.read(path, observed=False)
     except (PosefuseError, OSError) as error:
         return Listed(path=path, live=live, modified_s=modified_s, problem=str(error))
-    figures, made = quality_figures(recording.poses, len(recording.rig)), recording.provenance
+    figures = recording.quality()
     return Listed(
         path=path,
         live=live,
-        session=str(made.get("session", "")),
-        recorded=recorded_utc(made),
+        session=str(recording.provenance.get("session", "")),
+        recorded=recording.recorded_utc,
         modified_s=modified_s,
         people=recording.person_names,
         duration_s=figures["duration_s"],
@@ -201,13 +174,13 @@ def _looked_at(path: Path) -> Listed:
         coverage=figures["present_share"],
         sigma_mm=figures["median_sigma_mm"],
         reprojection_px=figures["median_reprojection_px"],
-        edited=bool(made.get("edits")),
+        edited=bool(recording.provenance.get("edits")),
     )
 
 
 # A small image of a recording, for lists; kept in the cache folder, as figures of it are.
 
-_IMAGE_WH = (320, 180)
+_WIDTH_PX = 320
 
 
 def thumbnail(path: Path, within: Path | None = None) -> bytes:
@@ -222,21 +195,7 @@ def thumbnail(path: Path, within: Path | None = None) -> bytes:
     place = cache_place(path, "jpg")
     if place.is_file():
         return place.read_bytes()
-    made = _small_image(path, within)
+    with pf.read(path).playback(within=within) as playback:
+        made = playback.best_tile_jpeg(_WIDTH_PX)
     keep_cached(place, made)
     return made
-
-
-def _small_image(path: Path, within: Path | None) -> bytes:
-    from posefuse.outputs.drawing import jpeg_of
-    from posefuse.outputs.overview import best_time_step, stage_picture
-
-    from .playback import Playback, session_with_videos
-
-    recording = recording_of(read_result(path, lambda line: None), path=path)
-    i, session = best_time_step(recording), session_with_videos(recording, path, within)
-    if session is None:
-        return jpeg_of(stage_picture(recording, i, _IMAGE_WH))
-    camera = recording.rig.names[int(np.argmax((recording.views.score[i] > 0).sum(axis=(0, 2))))]
-    with Playback(recording, session) as playback:
-        return playback.tile_jpeg(camera, int(recording.poses.t_ns[i]), _IMAGE_WH[0])
