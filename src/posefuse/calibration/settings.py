@@ -18,20 +18,6 @@ TargetKind = Literal["markers", "charuco", "chessboard"]
 
 
 @settings
-class RefineSettings:
-    """How far cameras may be from their calibration.
-
-    Attributes:
-        move_sigma_m, turn_sigma_rad: standard deviation of a camera's position and orientation, per axis, about the calibrated.
-        together: so many keypoints of a view err as one: their information counts as that of one.
-    """
-
-    move_sigma_m: Annotated[float, Gt(0)] = 0.01
-    turn_sigma_rad: Annotated[float, Gt(0)] = 0.005
-    together: Annotated[float, Gt(0)] = 10.0
-
-
-@settings
 class TargetDescription:
     """The contents of a target file.
 
