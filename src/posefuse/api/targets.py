@@ -15,7 +15,7 @@ from posefuse.calibration.extrinsics.world import FloorMarker, ThreePoints, chec
 from posefuse.calibration.settings import TargetDescription
 from posefuse.calibration.targets.detection import TargetDetector
 from posefuse.calibration.targets.kinds import Chessboard, Markers, Target, described_target, write_target
-from posefuse.calibration.targets.printing import CUBE_IDS, board_sheets, marker_sheets, write_pdf
+from posefuse.calibration.targets.printing import CUBE_IDS, board_sheet, marker_sheets, write_pdf
 from posefuse.core import InputError
 from posefuse.core.arrays import Array
 from posefuse.foundation.output_file import atomic_file, check_output_file, keep_copy
@@ -71,7 +71,7 @@ def print_target(
         # the file names them: a marker of the floor, of another size perhaps, is not part of the target
         kind, sheets = dataclasses.replace(kind, ids=tuple(ids)), marker_sheets(kind, ids, page)
     else:
-        sheets = board_sheets(kind, page)
+        sheets = [board_sheet(kind, page)]
     keep_copy(pdf)
     with atomic_file(pdf) as temporary:
         write_pdf(temporary, sheets)

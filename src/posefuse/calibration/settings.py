@@ -26,7 +26,6 @@ class TargetDescription:
         square_mm, marker_mm: edge of a square and of a marker's black square.
         dictionary: OpenCV's name of the marker dictionary. ids: markers of the target.
         inverted: black and white are exchanged. legacy: ChArUco layout of OpenCV before 4.6.
-        thickness_mm: distance of the prints of a board that is printed on both sides.
     """
 
     kind: TargetKind
@@ -34,7 +33,6 @@ class TargetDescription:
     rows: _Squares | None = None
     square_mm: _Millimetres | None = None
     marker_mm: _Millimetres | None = None
-    thickness_mm: _Millimetres | None = None
     dictionary: str = "DICT_4X4_50"
     ids: tuple[int, ...] = ()
     inverted: bool = False

@@ -37,8 +37,7 @@ CameraRecordings = Annotated[str, Parameter(metavar="SESSION|NAME=PATH", require
 _TARGET = Group("Target", sort_key=2)
 _TARGET_SETTINGS = {
     "columns": "columns N", "rows": "rows N", "square_mm": "square-mm MM", "marker_mm": "marker-mm MM",
-    "ids": "ids A,B,...", "thickness_mm": "thickness-mm MM", "dictionary": "dictionary NAME", "inverted": "inverted",
-    "legacy": "legacy",
+    "ids": "ids A,B,...", "dictionary": "dictionary NAME", "inverted": "inverted", "legacy": "legacy",
 }  # fmt: skip
 # ten times the fastest camera of a laboratory
 _MOST_HZ, _MOST_HEIGHT_M, _MOST_MM = 10_000.0, 3.0, 10_000.0

@@ -15,7 +15,7 @@ from posefuse.core import Frame, Source
 from posefuse.core.arrays import Array
 
 from .corners import CornerObservations
-from .kinds import BOARD_PATCH, DICTIONARIES, Charuco, Chessboard, Markers, Target, black_modules, dictionary_of, sides
+from .kinds import BOARD_PATCH, DICTIONARIES, Charuco, Chessboard, Markers, Target, black_modules, dictionary_of
 from .pattern_fit import BoardFit, fit_marker
 
 # a step in focus is 2 to 4 px wide; one that is wider than this is out of focus, or moved during the exposure
@@ -282,30 +282,18 @@ def _marker_finder(target: Markers) -> Callable[[Array], Corners]:
 
 
 def _charuco_finder(target: Charuco) -> Callable[[Array], Corners]:
-    found_by = {side: (cv2.aruco.CharucoDetector(target.board(side)), BoardFit(target, side)) for side in sides(target)}
-
-    def find(grey: Array) -> Corners:
-        return _joined([_charuco_side(grey, detector, fit, side) for side, (detector, fit) in found_by.items()])
-
-    return find
+    detector, fit = cv2.aruco.CharucoDetector(target.board()), BoardFit(target)
+    return lambda grey: _charuco(grey, detector, fit)
 
 
-def _charuco_side(grey: Array, detector: Any, fit: BoardFit, side: int) -> Corners:
+def _charuco(grey: Array, detector: Any, fit: BoardFit) -> Corners:
     read, ids, _, _ = detector.detectBoard(grey)
     ids, xy = _or_empty(ids).ravel().astype(np.int64), np.asarray(_or_empty(read), np.float64).reshape(-1, 2)
     if len(ids) >= _MIN_CHARUCO_CORNERS:
         xy = fit.refined(grey, ids, xy)
         ids, xy = ids[np.isfinite(xy[:, 0])], xy[np.isfinite(xy[:, 0])]
     kept = len(ids) if len(ids) >= _MIN_CHARUCO_CORNERS else 0
-    return Corners(np.full(kept, side), ids[:kept], xy[:kept])
-
-
-def _joined(parts: list[Corners]) -> Corners:
-    return Corners(
-        patch=np.concatenate([part.patch for part in parts]),
-        corner=np.concatenate([part.corner for part in parts]),
-        xy_img=np.concatenate([part.xy_img for part in parts]),
-    )
+    return Corners(np.full(kept, BOARD_PATCH), ids[:kept], xy[:kept])
 
 
 def _chessboard(grey: Array, target: Chessboard) -> Corners:
