@@ -356,19 +356,16 @@ def verify(
     *,
     target: TargetLike,
     every: int = 1,
-    clock_offset_s: Mapping[str, float] | None = None,
     progress: Progress | bool | None = None,
 ) -> RigVerification:
     """Measure the errors of a rig with a target that was not used for its calibration, held anywhere.
 
     Args:
-        rig: the rig to verify.
+        rig: the rig to verify; of a rig file, with the clock offsets of the ``posefuse.toml`` next to it.
         inputs: videos or folders of images: a mapping by camera name, or paths whose stems are the cameras' names.
         target: what the cameras see: a board, or an object with markers.
         every: use every `every`-th frame only.
         progress: True for bars on stderr, or a function (see `Progress`).
-        clock_offset_s: clock offsets found by the calibration, by camera name; others are 0. None: those that
-            ``posefuse.toml`` next to a rig file states.
 
     Returns:
         The errors and the checks, also where a check fails: see `RigVerification.passed`.
@@ -382,12 +379,10 @@ def verify(
         >>> found = pf.verify("rig.toml", {"cam00": "cam00.mp4", "cam01": "cam01.mp4"}, target="cube.toml")  # doctest: +SKIP
         >>> found.passed, found.report  # doctest: +SKIP
     """
-    cameras, kind, notes = rig_of(rig, placed=True), target_of(target), tuple[str, ...]()
-    if clock_offset_s is None and not isinstance(rig, core.Rig):
-        settings = Path(rig).with_name(CONFIG_FILE)
-        if clock_offset_s := saved_clocks(settings, cameras):
-            notes = (f"clock offsets of {', '.join(clock_offset_s)} from {settings}",)
-    offsets = {cameras[name].name: value for name, value in (clock_offset_s or {}).items()}
+    cameras, kind = rig_of(rig, placed=True), target_of(target)
+    settings = None if isinstance(rig, core.Rig) else Path(rig).with_name(CONFIG_FILE)
+    offsets = {} if settings is None else saved_clocks(settings, cameras)
+    notes = (f"clock offsets of {', '.join(offsets)} from {settings}",) if offsets else ()
     late_s: Array = np.array([offsets.get(name, 0.0) for name in cameras.names])
     seen = (
         inputs if isinstance(inputs, CornerObservations) else observe_target(inputs, target=kind, every=every, progress=progress)

@@ -275,8 +275,6 @@ def saved_clocks(path: Path, rig: CoreRig) -> dict[str, float]:
         raise InputError(f"{path}: no camera {choices(unknown)} in the rig; there are: {choices(rig.names)}")
     drifting = [name for name, one in cameras.items() if one.drift_ppm]
     if drifting:
-        raise InputError(
-            f"{path}: the clock of {', '.join(drifting)} drifts; give today's offsets in their place: `offset_ms=CAMERA=MS`"
-        )
+        raise InputError(f"{path}: the clock of {', '.join(drifting)} drifts; state today's offset_s there, without drift_ppm")
     # settings state what is added to stamps, a clock offset how late they are
     return {name: -one.offset_s for name, one in cameras.items() if one.offset_s}

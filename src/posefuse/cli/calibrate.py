@@ -10,7 +10,7 @@ import posefuse as pf
 from posefuse.calibration.settings import TargetDescription
 from posefuse.pipeline.config import CONFIG_FILE
 
-from .next_command import TypedCommand, check_files, clock_offsets_s, option_words, reported
+from .next_command import TypedCommand, check_files, option_words, reported
 from .options import (
     MOST_S,
     Figures,
@@ -177,15 +177,12 @@ class VerifyOptions(ReportOptions):
     """What is verified.
 
     Attributes:
-        rig: Rig file to verify.
-        offset_ms: Clock offset in milliseconds, in place of those in posefuse.toml next to the rig file. May be given several
-            times.
+        rig: Rig file to verify; clock offsets are those of the posefuse.toml next to it.
     """
 
     rig: File
     target: Target
     every: Every = 1
-    offset_ms: Annotated[tuple[str, ...], Parameter(metavar="CAMERA=MS")] = ()
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -427,8 +424,7 @@ def calibrate_verify(*inputs: CameraRecordings, options: VerifyOptions, terminal
     """
     check_files(options, inputs)
     with terminal.stages() as progress:
-        offsets_s = clock_offsets_s(options.offset_ms) if options.offset_ms else None
-        found = pf.verify(inputs=inputs, **arguments_of(pf.verify, options), clock_offset_s=offsets_s, progress=progress)
+        found = pf.verify(inputs=inputs, **arguments_of(pf.verify, options), progress=progress)
     terminal.show(found.report.summary())
     if options.report is not None:
         found.save(options.report, replace=options.replace)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Collection, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, fields
@@ -99,20 +98,6 @@ def _valued(option: str, value: Any) -> list[str]:
     if all(isinstance(one, str) for one in value):
         return [word for one in value for word in (option, quoted(one))]
     return [option, *(quoted(one) for one in value)]
-
-
-def clock_offsets_s(offsets: Sequence[str]) -> dict[str, float]:
-    """Clock offsets in s by camera name, from texts ``CAMERA=MS``."""
-    found: dict[str, float] = {}
-    for text in offsets:
-        name, _, value = text.partition("=")
-        try:
-            found[name] = float(value) / 1e3
-        except ValueError:
-            found[name] = math.nan
-        if not math.isfinite(found[name]):
-            raise InputError(f"--offset-ms {text}: expected CAMERA=MILLISECONDS")
-    return found
 
 
 def check_files(options: Any, inputs: Sequence[str] = ()) -> list[Path]:
