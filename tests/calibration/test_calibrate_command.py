@@ -2,12 +2,10 @@
 
 import json
 import shlex
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from fractions import Fraction
-from functools import wraps
 from pathlib import Path
-from types import SimpleNamespace
-from typing import Any, get_args
+from typing import Any
 
 import cv2
 import numpy as np
@@ -16,23 +14,18 @@ from calibrating import marker_page, run
 from checks import refusal
 from commands import error
 
-import posefuse as pf
 from posefuse.api import calibrate
 from posefuse.api.calibrate import target_of
 from posefuse.api.calibration_results import ClockCalibration, RigCalibration, save_clocks, saved_clocks
 from posefuse.calibration.clocks.sync import ClockEstimate
 from posefuse.calibration.extrinsics.world import FloorMarker, read_floor_points, with_floor
-from posefuse.calibration.report import CalibrationReport, Check, CheckKind, RefusedCalibration
+from posefuse.calibration.report import CalibrationReport, Check, RefusedCalibration
 from posefuse.calibration.targets.coverage import coverage, coverage_sheet
 from posefuse.calibration.targets.detection import TargetDetector
 from posefuse.calibration.targets.kinds import Charuco, Chessboard, Markers, Target, read_target, write_target
 from posefuse.calibration.targets.printing import Sheet
 from posefuse.cli.command_line import WrongCommandLineError, parse
-from posefuse.cli.next_command import TypedCommand, next_after
-from posefuse.cli.terminal import Terminal
-from posefuse.core import CalibrationError, ConfigError, InputError, Rig
-from posefuse.core.frames import Pixels
-from posefuse.formats.kept_video import KeptVideo
+from posefuse.core import CalibrationError, ConfigError, InputError
 from posefuse.formats.page import write_page
 from posefuse.formats.rig import read_rig, write_rig
 from posefuse.foundation.settings import read_settings
@@ -54,7 +47,7 @@ def test_a_printed_file_is_replaced_on_request_only(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("step", ["intrinsics", "extrinsics"])
-def test_a_wrong_target_file_asks_for_no_new_recording(step: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_wrong_target_file_is_named_as_such(step: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     target = Charuco(columns=5, rows=7, square_m=0.05, marker_m=0.0375)
     page = np.pad(target.board().generateImage((250, 350)), 40, constant_values=255)
     for name in ("cam00", "cam01"):
@@ -65,7 +58,6 @@ def test_a_wrong_target_file_asks_for_no_new_recording(step: str, tmp_path: Path
     words = ["calibrate", step, "--target", file, "--out", tmp_path / "rig.toml", "--report", tmp_path / "a.html"]
     shown = error(capsys, *words, tmp_path / "cam00", tmp_path / "cam01")
     assert "not as described: count columns and rows" in shown and "the target file states" not in shown
-    assert f"next: posefuse calibrate {step} " in shown and "files or sizes are corrected" in shown
     assert "not as described" in (tmp_path / "a.html").read_text()
 
 
@@ -373,129 +365,6 @@ def test_a_floor_marker_is_looked_for_with_the_ids_of_a_target(monkeypatch: pyte
     assert set(TargetDetector(with_floor(target, FloorMarker(40))).detect(page).patch) == {40}
     words = "markers 0 to 49, this target needs 60"
     refusal(ConfigError, words, calibrate.calibrate_extrinsics, [], target=Markers(0.12), floor=FloorMarker(60))
-
-
-# --- after a refusal: the command that is printed can be typed, and fits what failed
-
-
-STEPS = {
-    "intrinsics": "--target {f}/board.toml --every 3 --out {f}/new.toml",
-    "extrinsics": "--target {f}/cube.toml --intrinsics {f}/lenses.toml --floor-marker 40 --floor-side-mm 150 --refine-lenses 0.5"
-    " --every 2 --upside-down b --any-size --out {f}/new.toml",
-    "person": "--intrinsics {f}/lenses.toml --apart a b 3.42 --most-s 5 --upside-down b --networks blazepose_lite"
-    " --out {f}/new.toml",
-    "clocks": "--rig {f}/rig.toml --seconds 20 --most-s 3",
-    "verify": "--target {f}/board.toml --rig {f}/rig.toml --every 4",
-}
-# what is printed after each kind of refusal, where it is not a new recording
-PRINTED = {
-    ("extrinsics", "clocks"): "--clocks offset",
-    ("person", "clocks"): "--clocks offset",
-    ("extrinsics", "drift"): "--clocks drift",
-    ("person", "drift"): "--clocks drift",
-    ("clocks", "drift"): "--clocks drift",
-    ("extrinsics", "lenses"): "calibrate intrinsics SESSION --target BOARD.toml --out",
-    ("person", "lenses"): "calibrate intrinsics SESSION --target BOARD.toml --out",
-    ("extrinsics", "upside down"): "--upside-down b --upside-down a",
-    ("person", "upside down"): "--upside-down b --upside-down a",
-    ("extrinsics", "record"): "calibrate guide --target",
-    ("verify", "rig"): "calibrate guide --target CUBE.toml --intrinsics",
-}
-
-
-class ArrivedError(Exception):
-    """The command was understood, its files were opened, and the calculation began."""
-
-
-@dataclass
-class Room:
-    """A folder with all that the commands take; calculations refuse for what is set, or tell that they were reached."""
-
-    folder: Path
-    refusal: Check | None = None
-    asked: list[dict[str, Any]] = field(default_factory=list)
-
-    def calculate(self, *given: Any, **options: Any) -> Any:
-        self.asked.append({name: value for name, value in options.items() if name not in ("progress", "coverage", "intrinsics")})
-        if self.refusal is None:
-            raise ArrivedError
-        report = CalibrationReport("test", (self.refusal,))
-        if "rig" in options and "inputs" in options:
-            return SimpleNamespace(report=report, save=lambda path, replace: path.write_text("refused"))
-        raise RefusedCalibration(report)
-
-    def printed_after(self, step: str, kind: CheckKind) -> str:
-        """The next command, as it is typed."""
-        self.refusal = Check("one", False, "is wrong", kind=kind, cameras=("a",) if kind == "upside down" else ())
-        (self.folder / "report.html").unlink(missing_ok=True)
-        options = STEPS[step].format(f=self.folder).split()
-        with pytest.raises(RefusedCalibration) as refused:
-            run(step, str(self.folder), *options, "--report", str(self.folder / "report.html"))
-        command, _, _ = refused.value.__notes__[-1].removeprefix("next: ").rpartition("  (")
-        return command
-
-    def typed(self, command: str) -> list[str]:
-        """The command with the placeholders as a user replaces them."""
-        sources = " ".join(f"--source {name}=video:{self.folder}/videos/{name}.mp4" for name in "ab")
-        command = command.replace("--source CAMERA=KIND:WHERE ...", sources)
-        for out in ("--out SESSION", "--record SESSION"):
-            command = command.replace(out, f"{out.split()[0]} {self.folder}/recorded-{len(list(self.folder.iterdir()))}")
-        for name, path in (("SESSION", ""), ("BOARD.toml", "board.toml"), ("CUBE.toml", "cube.toml")):
-            command = command.replace(f" {name}", f" {self.folder}/{path}")
-        return shlex.split(command)[1:]
-
-
-@pytest.fixture
-def room(tmp_path: Path, ring_rig: Any, monkeypatch: pytest.MonkeyPatch) -> Room:
-    (tmp_path / "videos").mkdir()
-    for name in "ab":
-        with KeptVideo(tmp_path / "videos" / f"{name}.mp4") as video:
-            for i in range(12):
-                video.write(Pixels(np.roll(marker_page(), 2 * i, axis=1)), i * 50_000_000)
-    rig = Rig(tuple(replace(camera, name=name) for camera, name in zip(ring_rig(2), "ab", strict=True)))
-    write_rig(tmp_path / "rig.toml", rig)
-    write_rig(tmp_path / "lenses.toml", rig)
-    write_target(tmp_path / "cube.toml", Markers(0.1, ids=(1, 2, 3)))
-    write_target(tmp_path / "board.toml", Charuco(columns=5, rows=7, square_m=0.1, marker_m=0.075))
-    made = Room(tmp_path)
-    for name in ("verify", *(f"calibrate_{step}" for step in ("intrinsics", "extrinsics", "person", "clocks"))):
-        # with the arguments of the function, from which the command takes its own
-        monkeypatch.setattr(pf, name, wraps(getattr(pf, name))(lambda *given, **options: made.calculate(*given, **options)))
-    return made
-
-
-@pytest.mark.realtime
-@pytest.mark.parametrize("step", STEPS)
-def test_every_printed_command_runs_as_printed_and_keeps_what_was_asked_for(room: Room, step: str) -> None:
-    """A new recording is made for each step once: every kind of refusal prints the same command for it."""
-    ran = set()
-    for kind in get_args(CheckKind):
-        command = room.printed_after(step, kind)
-        assert PRINTED.get((step, kind), "") in command
-        typed = room.typed(command)
-        room.refusal = None
-        if typed[0] == "record" or typed[1] == "guide":
-            if command not in ran:
-                assert parse(typed).run(Terminal(as_json=True))["exit_code"] == 0
-                ran.add(command)
-            continue
-        with pytest.raises(ArrivedError):
-            run(*typed[1:])
-        if typed[1] == step:
-            changed = {"clocks", "drift", "upside_down"}
-            first, second = ({name: one[name] for name in one.keys() - changed} for one in room.asked[-2:])
-            assert first == second
-            others = [name for name in changed & room.asked[-1].keys() if room.asked[-2][name] != room.asked[-1][name]]
-            assert len(others) == (kind not in ("input", "record"))
-
-
-def test_clocks_that_were_estimated_already_are_not_advised_again() -> None:
-    line = "calibrate person walk --intrinsics l.toml --clocks offset --height-m 1.8 --out r.toml"
-    parsed = parse(line.split())
-    asked = TypedCommand(step="person", inputs=("walk",), options=parsed.bound.arguments["options"])
-    for kind, words in (("clocks", "posefuse record"), ("drift", "--height-m 1.8 --clocks drift")):
-        report = CalibrationReport("person", (Check("clocks", False, "differ", kind=kind),))
-        assert words in next_after(report, asked)[0]
 
 
 def test_verification_reads_the_clocks_that_a_calibration_wrote(lab: Any, tmp_path: Path) -> None:

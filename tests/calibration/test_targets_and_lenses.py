@@ -104,29 +104,18 @@ def test_a_target_that_is_not_found_is_explained() -> None:
     grey = drawn(BOARD)
     assert len(TargetDetector(BOARD).detect(grey).xy_img) == 24
     nothing = np.full((200, 300), 128, np.uint8)
-    for image, target, words, kind in (
-        (cv2.flip(grey, 1), BOARD, "mirrored", "record"),
-        (255 - grey, BOARD, "colours exchanged", "input"),
-        (grey, replace(BOARD, columns=7, rows=5), "it is there with columns = 5, rows = 7", "input"),
-        (grey, replace(BOARD, columns=6), "but not as described: count columns and rows", "input"),
-        (grey, replace(BOARD, dictionary="DICT_7X7_50"), "DICT_4X4", "input"),
-        (nothing, BOARD, "no marker of any known dictionary", "record"),
-        (
-            chessboard_page(),
-            Chessboard(6, 5, 0.05),
-            "a board of 7 x 5 inner corners is there, the target file states 6 x 5",
-            "input",
-        ),
-        (
-            chessboard_page(),
-            Chessboard(6, 8, 0.05),
-            "a board of 5 x 7 inner corners is there, the target file states 6 x 8",
-            "input",
-        ),
-        (nothing, Chessboard(6, 5, 0.05), "no chessboard is wholly inside", "record"),
+    for image, target, words in (
+        (cv2.flip(grey, 1), BOARD, "mirrored"),
+        (255 - grey, BOARD, "colours exchanged"),
+        (grey, replace(BOARD, columns=7, rows=5), "it is there with columns = 5, rows = 7"),
+        (grey, replace(BOARD, columns=6), "but not as described: count columns and rows"),
+        (grey, replace(BOARD, dictionary="DICT_7X7_50"), "DICT_4X4"),
+        (nothing, BOARD, "no marker of any known dictionary"),
+        (chessboard_page(), Chessboard(6, 5, 0.05), "a board of 7 x 5 inner corners is there, the target file states 6 x 5"),
+        (chessboard_page(), Chessboard(6, 8, 0.05), "a board of 5 x 7 inner corners is there, the target file states 6 x 8"),
+        (nothing, Chessboard(6, 5, 0.05), "no chessboard is wholly inside"),
     ):
-        reason, mended_by = why_nothing([image], target)
-        assert words in reason and mended_by == kind
+        assert words in why_nothing([image], target)
 
 
 def chessboard_page() -> np.ndarray:
@@ -161,7 +150,7 @@ def test_a_chessboard_that_is_part_of_a_larger_one_is_named(target: Chessboard, 
         return
     with pytest.raises(RefusedCalibration) as refused:
         seen_or_why_not(seen, source, target)
-    assert words in str(refused.value) and refused.value.report.failed[0].kind == "input"
+    assert words in str(refused.value)
 
 
 def test_the_same_id_twice_in_an_image_counts_for_nothing() -> None:
@@ -202,7 +191,7 @@ def test_one_refused_camera_loses_no_other(watched: Watched, tmp_path: Path, mon
     words = ("intrinsics", "--target", str(target), "--out", str(out))
     with pytest.raises(RefusedCalibration, match="camera cam02: target seen: expected at least 4 views") as refused:
         run(*words, *(f"{name}={name}.mp4" for name in seen))
-    assert "cam04" in refused.value.__notes__[0] and refused.value.__notes__[1].startswith("next: ")
+    assert "cam04" in refused.value.__notes__[0]
     assert read_rig(out).names == ("cam01", "cam03")
     before = read_rig(out)["cam01"].K
     seen["cam02"] = good

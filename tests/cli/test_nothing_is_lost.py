@@ -24,9 +24,8 @@ from posefuse.calibration.clocks.sync import ClockEstimate
 from posefuse.calibration.report import CalibrationReport
 from posefuse.calibration.targets.corners import CornerObservations
 from posefuse.calibration.targets.coverage import write_coverage
-from posefuse.cli.calibrate import RigOptions
+from posefuse.cli.calibrate import RigOptions, check_files
 from posefuse.cli.main import main
-from posefuse.cli.next_command import check_files
 from posefuse.core import InputError, PosefuseError
 from posefuse.detection.card import read_card
 from posefuse.detection.files import fetch

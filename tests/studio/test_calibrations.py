@@ -121,7 +121,7 @@ def test_a_refusal_gives_the_remedy_until_something_new_is_filmed() -> None:
         ("verify", "record", "verify"),
         ("verify", "rig", "extrinsics"),
         ("extrinsics", "lenses", "intrinsics"),
-        ("extrinsics", "clocks", "extrinsics"),
+        ("extrinsics", "record", "extrinsics"),
     ],
 )
 def test_a_refusal_leads_to_the_step_that_is_to_blame(refused: Step, kind: CheckKind, again: Step) -> None:

@@ -1,6 +1,8 @@
 """`posefuse record` and `posefuse calibrate`, step by step."""
 
-from dataclasses import dataclass, field
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, field, fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
@@ -8,9 +10,9 @@ from cyclopts import Group, Parameter
 
 import posefuse as pf
 from posefuse.calibration.settings import TargetDescription
+from posefuse.core import InputError
 from posefuse.pipeline.config import CONFIG_FILE
 
-from .next_command import TypedCommand, check_files, option_words, reported
 from .options import (
     MOST_S,
     Figures,
@@ -293,6 +295,41 @@ def calibrate_guide(*, options: GuideOptions, ros_2: Ros2Options = Ros2Options()
     return {**found.figures, "exit_code": code}
 
 
+def check_files(options: Any, inputs: Sequence[str] = ()) -> list[Path]:
+    """Raise InputError before any work where a file that the step will write cannot be, or exists without --force.
+
+    Args:
+        options: of the step. inputs: ``NAME=PATH`` texts of recordings.
+
+    Returns:
+        What the step reads: the recordings, and the files that its options name.
+    """
+    from posefuse.calibration.targets.recordings import paths_by_camera
+    from posefuse.foundation.output_file import check_output_file
+
+    named = [getattr(options, name, None) for name in ("target", "intrinsics", "rig", "floor_points")]
+    read = [*paths_by_camera(inputs).values(), *(path for path in named if path is not None)]
+    for name in ("out", "report"):
+        if (path := getattr(options, name, None)) is not None:
+            check_output_file(path, option=f"--{option_of(name)}", inputs=read, replace=options.replace)
+            if name == "out" and path.suffix != ".toml":
+                raise InputError(f"--out {path}: a rig file is TOML: expected a name that ends in .toml")
+    return read
+
+
+@contextmanager
+def reported(path: Path | None) -> Iterator[None]:
+    """Write the report of a refused calibration before the error is raised further."""
+    from posefuse.calibration.report import RefusedCalibration
+
+    try:
+        yield
+    except RefusedCalibration as refused:
+        if path is not None:
+            refused.report.save(path)
+        raise
+
+
 def calibrate_intrinsics(*inputs: CameraRecordings, options: IntrinsicsOptions, terminal: Shown) -> Figures:
     """Find the intrinsics of each camera from images of a board.
 
@@ -302,7 +339,7 @@ def calibrate_intrinsics(*inputs: CameraRecordings, options: IntrinsicsOptions, 
     from posefuse.calibration.report import RefusedCalibration
 
     check_files(options, inputs)
-    with reported(options.report, TypedCommand(step="intrinsics", inputs=inputs, options=options)):
+    with reported(options.report):
         try:
             with terminal.stages() as progress:
                 found = pf.calibrate_intrinsics(inputs, **arguments_of(pf.calibrate_intrinsics, options), progress=progress)
@@ -341,8 +378,8 @@ def calibrate_extrinsics(*inputs: CameraRecordings, options: ExtrinsicsOptions, 
     coverage, read = options.out.with_name(f"{options.out.stem}_coverage.png"), check_files(options, inputs)
     # a refused run leaves the image, and must not stop the next one; an older image is kept as a copy
     check_output_file(coverage, option="--out", inputs=read, replace=True)
-    kind, asked = target_of(options.target), TypedCommand(step="extrinsics", inputs=inputs, options=options)
-    with reported(options.report, asked), terminal.stages() as progress:
+    kind = target_of(options.target)
+    with reported(options.report), terminal.stages() as progress:
         floor = floor_of(kind, marker=options.floor_marker, side_mm=options.floor_side_mm, points=options.floor_points)
         given = arguments_of(pf.calibrate_extrinsics, options)
         found = pf.calibrate_extrinsics(inputs, **given, floor=floor, coverage=coverage, progress=progress)
@@ -383,8 +420,7 @@ def calibrate_person(*inputs: CameraRecordings, options: PersonOptions, terminal
         inputs: Video, or 2D poses of another tool, per camera; NAME defaults to the file's name.
     """
     check_files(options, inputs)
-    asked = TypedCommand(step="person", inputs=inputs, options=options)
-    with reported(options.report, asked), terminal.stages() as progress:
+    with reported(options.report), terminal.stages() as progress:
         found = pf.calibrate_person(inputs, **arguments_of(pf.calibrate_person, options), progress=progress)
     terminal.show(found.summary())
     found.save(options.out, report=options.report, replace=options.replace)
@@ -401,8 +437,7 @@ def calibrate_clocks(session: Path, /, *, options: ClockOptions = ClockOptions()
         session: As for `posefuse track`: a folder with the calibration file and the recordings.
     """
     check_files(options)
-    asked = TypedCommand(step="clocks", inputs=(str(session),), options=options)
-    with reported(options.report, asked), terminal.stages() as progress:
+    with reported(options.report), terminal.stages() as progress:
         given = arguments_of(pf.calibrate_clocks, options)
         found = pf.calibrate_clocks(session, **given, drift=options.clocks == "drift", progress=progress)
     terminal.show(found.summary())
@@ -410,10 +445,20 @@ def calibrate_clocks(session: Path, /, *, options: ClockOptions = ClockOptions()
         found.save_report(options.report, replace=options.replace)
     settings = _save_clocks(session, found, terminal)
     needed = f"add the offsets to {session / CONFIG_FILE} first" if found.clock_settings else "the clocks need no correction"
-    also = option_words(options, only=_ALSO_OF_TRACK)
-    command = " ".join(filter(None, ["posefuse track", quoted(session), also, "--out RESULT"]))
-    terminal.next(command, "uses the clocks found" if settings else needed)
+    terminal.next(
+        f"posefuse track {quoted(session)} {_also_of_track(options)}--out RESULT", "uses the clocks found" if settings else needed
+    )
     return {"settings": settings, **found.report.numbers}
+
+
+def _also_of_track(options: ClockOptions) -> str:
+    """Options as they are typed, and a space: those with which the session was read."""
+    words = ""
+    for option in fields(options):
+        value = getattr(options, option.name)
+        if option.name in _ALSO_OF_TRACK and value != option.default:
+            words += f"--{option_of(option.name)} {quoted(value)} "
+    return words
 
 
 def calibrate_verify(*inputs: CameraRecordings, options: VerifyOptions, terminal: Shown) -> Figures:
@@ -428,8 +473,7 @@ def calibrate_verify(*inputs: CameraRecordings, options: VerifyOptions, terminal
     terminal.show(found.report.summary())
     if options.report is not None:
         found.save(options.report, replace=options.replace)
-    with reported(None, TypedCommand(step="verify", inputs=inputs, options=options)):
-        found.report.require()
+    found.report.require()
     terminal.next(f"put {options.rig} into the folder of your videos: posefuse track SESSION --out RESULT", "the rig is good")
     return dict(found.report.numbers)
 

@@ -10,7 +10,6 @@ from typing import Any
 import cv2
 import numpy as np
 
-from posefuse.calibration.report import CheckKind
 from posefuse.core import Frame, Source
 from posefuse.core.arrays import Array
 
@@ -151,21 +150,21 @@ def corners_from_frames(
     )
 
 
-def why_nothing(grey_images: Sequence[Array], target: Target, edge_width_px: float = 0.0) -> tuple[str, CheckKind]:
-    """The likely reason why a target was found in none of these images, in words, and what mends it: another recording or input.
+def why_nothing(grey_images: Sequence[Array], target: Target, edge_width_px: float = 0.0) -> str:
+    """The likely reason why a target was found in none of these images, in words.
 
     `edge_width_px`: usual width of moving edges in the whole recording, as `CornerObservations` has it.
     """
     if _found_in(grey_images, TargetDetector(target), lambda image: cv2.flip(image, 1)):
-        return "it is there when the image is mirrored: switch the mirror mode of the camera off", "record"
+        return "it is there when the image is mirrored: switch the mirror mode of the camera off"
     if wrong := _wrong_file(grey_images, target):
-        return wrong, "input"
+        return wrong
     if isinstance(target, Chessboard):
-        return "no chessboard is wholly inside the image: too small, blurred, cut off or without a white margin?", "record"
+        return "no chessboard is wholly inside the image: too small, blurred, cut off or without a white margin?"
     width_px = float(np.nanmax([edge_width_px, usual_edge_width_px(grey_images)]))
     if width_px > BLURRED_EDGE_PX:
-        return f"the images are blurred, edges are {width_px:.0f} px wide: focus, shorten the exposure, add light", "record"
-    return "no marker of any known dictionary is there: too small, blurred, cut off or badly lit?", "record"
+        return f"the images are blurred, edges are {width_px:.0f} px wide: focus, shorten the exposure, add light"
+    return "no marker of any known dictionary is there: too small, blurred, cut off or badly lit?"
 
 
 def _wrong_file(grey_images: Sequence[Array], target: Target) -> str:

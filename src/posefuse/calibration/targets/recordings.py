@@ -8,7 +8,7 @@ from pathlib import Path
 
 import cv2
 
-from posefuse.calibration.report import CalibrationReport, Check, CheckKind, RefusedCalibration
+from posefuse.calibration.report import CalibrationReport, Check, RefusedCalibration
 from posefuse.core import InputError, Progress, Source, silent
 from posefuse.core.errors import choices
 from posefuse.formats.kept_video import VIDEOS_FOLDER
@@ -110,13 +110,11 @@ def seen_or_why_not(observations: CornerObservations, source: Source, target: Ta
     if views >= LEAST_VIEWS or (views and not isinstance(target, Chessboard)):
         return observations
     frames = [cv2.cvtColor(frame.image, cv2.COLOR_RGB2GRAY) for frame in itertools.islice(source.frames(), 12)]
-    reason: str
-    kind: CheckKind
     if views and isinstance(target, Chessboard):
-        reason, kind = other_chessboard(frames, target, larger=True), "input"
+        reason = other_chessboard(frames, target, larger=True)
     else:
-        reason, kind = why_nothing(frames, target, dict(observations.edge_width_px).get(source.camera, 0.0))
+        reason = why_nothing(frames, target, dict(observations.edge_width_px).get(source.camera, 0.0))
     if not reason:
         return observations
     detail = f"the target is in {views or 'none'} of {observations.frame_count[0]} frames: {reason}"
-    raise RefusedCalibration(CalibrationReport(f"camera {source.camera}", (Check("target seen", False, detail, kind=kind),)))
+    raise RefusedCalibration(CalibrationReport(f"camera {source.camera}", (Check("target seen", False, detail),)))
