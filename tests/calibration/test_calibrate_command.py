@@ -20,7 +20,6 @@ from posefuse.api.calibration_results import ClockCalibration, RigCalibration, s
 from posefuse.calibration.clocks.sync import ClockEstimate
 from posefuse.calibration.extrinsics.world import FloorMarker, read_floor_points, with_floor
 from posefuse.calibration.report import CalibrationReport, Check, RefusedCalibration
-from posefuse.calibration.targets.coverage import coverage, coverage_sheet
 from posefuse.calibration.targets.detection import TargetDetector
 from posefuse.calibration.targets.kinds import Charuco, Chessboard, Markers, Target, read_target, write_target
 from posefuse.calibration.targets.printing import Sheet
@@ -232,18 +231,6 @@ def test_a_drifting_clock_is_set_right_by_the_settings_written(lab: Any, tmp_pat
     for stamp_s in (2, 77):
         taken_s = stamp_s - offset - drift * (stamp_s - middle)
         assert ticks_ns(video, stamp_s, Fraction(1)) / 1e9 == pytest.approx(taken_s, abs=2e-6)
-
-
-def test_the_coverage_sheet_shows_which_camera_saw_nothing(lab: Any) -> None:
-    seen = lab.watch()
-    blind = coverage(seen.rows(seen.camera != 2))
-    sheet = coverage_sheet(blind, [camera.size_wh for camera in lab.rig], 160)
-    width, height = lab.rig.cameras[0].size_wh
-    tall = round(160 * height / width)
-    assert sheet.shape == (2 * tall, 320, 3)
-    green = sheet[..., 1].astype(int) - sheet[..., 0]
-    parts = [green[r : r + tall, c : c + 160].max() for r in (0, tall) for c in (0, 160)]
-    assert [part > 0 for part in parts] == [True, True, False, True]
 
 
 def test_a_report_shows_remedies_only_for_what_failed(read_page: Any, tmp_path: Path, ring_rig: Any) -> None:

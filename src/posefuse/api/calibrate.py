@@ -28,7 +28,6 @@ from posefuse.calibration.extrinsics.world import (
 from posefuse.calibration.person.scale import KnownLength
 from posefuse.calibration.report import RefusedCalibration, after
 from posefuse.calibration.targets.corners import CornerObservations
-from posefuse.calibration.targets.coverage import write_coverage
 from posefuse.calibration.targets.detection import detect_corners
 from posefuse.calibration.targets.kinds import Target, check_one_end, read_target
 from posefuse.calibration.targets.recordings import (
@@ -53,7 +52,7 @@ from posefuse.pipeline.calibration import (
 )
 from posefuse.pipeline.config import CONFIG_FILE, read_config
 
-from .arguments import checked, lines_of, shown
+from .arguments import checked, shown
 from .calibration_results import ClockCalibration, IntrinsicsCalibration, RigCalibration, RigVerification, saved_clocks
 from .rig_and_detector import rig_of
 from .track import session_config
@@ -83,8 +82,7 @@ def observe_target(
     """
     check_one_end(kind := target_of(target))
     with shown(progress) as report:
-        seen = observe_sources(open_sources(inputs), kind, every, report)
-    return replace(seen, recordings=tuple(paths_by_camera(inputs).items()))
+        return _observed(inputs, None, kind, every, report)
 
 
 @checked
@@ -158,7 +156,6 @@ def calibrate_extrinsics(
     upside_down: Sequence[str] = (),
     any_size: bool = False,
     keep_refused: bool = False,
-    coverage: str | Path | None = None,
     progress: Progress | bool | None = None,
 ) -> RigCalibration:
     """Find the poses of the cameras from a target that is moved in front of them.
@@ -176,8 +173,6 @@ def calibrate_extrinsics(
         upside_down: cameras that are mounted upside down.
         any_size: also accept a rig that is far smaller or larger than a room.
         keep_refused: return a refused calibration too. Its rig is marked as refused, and `report.failed` states why.
-        coverage: PNG that shows which part of each image the target has covered, written before anything is solved, which may be
-            refused; an older one is kept as ``NAME.replaced-TIME``.
 
     Raises:
         RefusedCalibration: a check fails; `report` names it and the next step.
@@ -199,7 +194,7 @@ def calibrate_extrinsics(
     seen = inputs
     if not isinstance(seen, CornerObservations):
         with shown(progress) as report:
-            seen = _observed(seen, lenses, with_floor(kind, floor), every, coverage, report)
+            seen = _observed(seen, lenses, with_floor(kind, floor), every, report)
     observations, world = world_rule(floor, seen, kind)
     sources = open_sources(dict(seen.recordings))
     require_target_seen(observations, sources, moved_target(kind, floor))
@@ -232,16 +227,12 @@ def calibrate_extrinsics(
     )
 
 
-def _observed(
-    inputs: Inputs, lenses: core.Rig | None, target: Target, every: int, coverage: str | Path | None, report: Progress
-) -> CornerObservations:
+def _observed(inputs: Inputs, lenses: core.Rig | None, target: Target, every: int, report: Progress) -> CornerObservations:
     sources = open_sources(inputs)
     if lenses is not None:
         for source in sources:
             lenses[source.camera]
     seen = observe_sources(sources, target, every, report)
-    if coverage is not None:
-        lines_of(report, "coverage")(f"{coverage}: {write_coverage(Path(coverage), seen).advice()}")
     return replace(seen, recordings=tuple(paths_by_camera(inputs).items()))
 
 

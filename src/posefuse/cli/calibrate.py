@@ -295,14 +295,11 @@ def calibrate_guide(*, options: GuideOptions, ros_2: Ros2Options = Ros2Options()
     return {**found.figures, "exit_code": code}
 
 
-def check_files(options: Any, inputs: Sequence[str] = ()) -> list[Path]:
+def check_files(options: Any, inputs: Sequence[str] = ()) -> None:
     """Raise InputError before any work where a file that the step will write cannot be, or exists without --force.
 
     Args:
         options: of the step. inputs: ``NAME=PATH`` texts of recordings.
-
-    Returns:
-        What the step reads: the recordings, and the files that its options name.
     """
     from posefuse.calibration.targets.recordings import paths_by_camera
     from posefuse.foundation.output_file import check_output_file
@@ -314,7 +311,6 @@ def check_files(options: Any, inputs: Sequence[str] = ()) -> list[Path]:
             check_output_file(path, option=f"--{option_of(name)}", inputs=read, replace=options.replace)
             if name == "out" and path.suffix != ".toml":
                 raise InputError(f"--out {path}: a rig file is TOML: expected a name that ends in .toml")
-    return read
 
 
 @contextmanager
@@ -373,16 +369,13 @@ def calibrate_extrinsics(*inputs: CameraRecordings, options: ExtrinsicsOptions, 
     """
     from posefuse.api.calibrate import target_of
     from posefuse.api.targets import floor_of
-    from posefuse.foundation.output_file import check_output_file
 
-    coverage, read = options.out.with_name(f"{options.out.stem}_coverage.png"), check_files(options, inputs)
-    # a refused run leaves the image, and must not stop the next one; an older image is kept as a copy
-    check_output_file(coverage, option="--out", inputs=read, replace=True)
+    check_files(options, inputs)
     kind = target_of(options.target)
     with reported(options.report), terminal.stages() as progress:
         floor = floor_of(kind, marker=options.floor_marker, side_mm=options.floor_side_mm, points=options.floor_points)
         given = arguments_of(pf.calibrate_extrinsics, options)
-        found = pf.calibrate_extrinsics(inputs, **given, floor=floor, coverage=coverage, progress=progress)
+        found = pf.calibrate_extrinsics(inputs, **given, floor=floor, progress=progress)
     if found.report.failed:
         failed = ", ".join(check.name for check in found.report.failed)
         terminal.warn(f"refused ({failed}); kept all the same (--keep-refused), and marked as refused in the file")
@@ -395,7 +388,6 @@ def calibrate_extrinsics(*inputs: CameraRecordings, options: ExtrinsicsOptions, 
     )
     return {
         "rig": str(options.out),
-        "coverage": str(coverage),
         "settings": settings,
         **found.report.numbers,
         "notes": list(found.report.notes),

@@ -2,16 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from pathlib import Path
 
 import cv2
 import numpy as np
 from scipy.sparse.csgraph import connected_components
 
 from posefuse.core.arrays import Array, freeze_fields
-from posefuse.foundation.output_file import atomic_file, keep_copy
 
 from .corners import CornerObservations
 
@@ -69,30 +66,6 @@ class TargetCoverage:
             f"{self.cameras[poorest]}: {self.share[poorest]:.0%} covered, {ENOUGH_SHARE:.0%} needed; go to the {height} {side} of"
             " its image"
         )
-
-
-def coverage_sheet(found: TargetCoverage, sizes_wh: Sequence[tuple[int, int]], width_px: int = 480) -> Array:
-    """RGB image (H, W, 3) of all cameras, each with its name, in two columns; `width_px` is that of one camera."""
-    tiles = []
-    for name, cells, (width, height) in zip(found.cameras, found.cells, sizes_wh, strict=True):
-        tile = coverage_picture(cells, (width_px, round(width_px * height / width)))
-        cv2.putText(tile, name, (10, 28), cv2.FONT_HERSHEY_SIMPLEX, 0.8, (255, 255, 255), 2, cv2.LINE_AA)
-        tiles.append(tile)
-    tall = max(len(tile) for tile in tiles)
-    padded = [np.pad(tile, ((0, tall - len(tile)), (0, 0), (0, 0))) for tile in tiles]
-    if len(padded) % 2:
-        padded.append(np.zeros_like(padded[0]))
-    return np.concatenate([np.concatenate(padded[i : i + 2], axis=1) for i in range(0, len(padded), 2)])
-
-
-def write_coverage(path: Path, observations: CornerObservations) -> TargetCoverage:
-    """The coverage image: which part of each image the target has covered."""
-    found = coverage(observations)
-    _, png = cv2.imencode(".png", cv2.cvtColor(coverage_sheet(found, observations.sizes_wh), cv2.COLOR_RGB2BGR))
-    keep_copy(path)
-    with atomic_file(path) as temporary:
-        temporary.write_bytes(png.tobytes())
-    return found
 
 
 def cell_of(xy_img: Array, size_wh: Array | tuple[int, int]) -> Array:
