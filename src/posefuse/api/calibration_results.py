@@ -10,7 +10,7 @@ from typing import Any
 
 from posefuse.calibration.clocks.sync import ClockEstimate, clock_figures, clock_settings
 from posefuse.calibration.report import CalibrationReport
-from posefuse.calibration.targets.coverage import coverage_picture, heat_map_image
+from posefuse.calibration.targets.coverage import coverage_picture
 from posefuse.calibration.verify import Verification
 from posefuse.core import CalibrationError, Camera, InputError
 from posefuse.core import Rig as CoreRig
@@ -22,9 +22,6 @@ from posefuse.foundation.summary import Block, Heading, Table
 from posefuse.pipeline.config import read_config
 
 from .rig_and_detector import Rig
-
-# a full colour of the verification images
-_FULL_PX = 3.0
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -160,7 +157,7 @@ class RigVerification:
     """How well a rig fits to a target of known size.
 
     Attributes:
-        rig: the cameras. report: checks and numbers. measured: points, lengths and reprojection errors.
+        rig: the cameras. report: checks and numbers. measured: errors of lengths and of each camera.
     """
 
     rig: Rig
@@ -178,12 +175,8 @@ class RigVerification:
         Raises:
             InputError: the file exists and `replace` is not set, or it cannot be written.
         """
-        pictures = {
-            f"{camera.name}: rms reprojection in px": heat_map_image(self.measured.cell_px[i], camera.size_wh, _FULL_PX)
-            for i, camera in enumerate(self.rig)
-        }
         target = _checked(path, replace)
-        self.report.save(target, pictures, self.rig)
+        self.report.save(target, rig=self.rig)
         return target
 
 

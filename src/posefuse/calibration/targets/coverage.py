@@ -95,19 +95,6 @@ def coverage_picture(cells: Array, size_wh: tuple[int, int], image: Array | None
     return np.asarray(mixed)
 
 
-def heat_map_image(values: Array, size_wh: tuple[int, int], full: float) -> Array:
-    """RGB image (H, W, 3) of values (rows, columns) over an image: green 0, red `full` and more, grey NaN."""
-    level = np.clip(np.nan_to_num(values) / full, 0, 1)[..., None]
-    colours = _COLOUR_FULL * (1 - level) + _COLOUR_LOW * level
-    colours = np.where(np.isnan(values)[..., None], 128, colours).astype(np.uint8)
-    picture = cv2.resize(colours, size_wh, interpolation=cv2.INTER_NEAREST)
-    rows, columns = values.shape
-    for row, column in np.argwhere(np.isfinite(values)):
-        at = (round((column + 0.15) * size_wh[0] / columns), round((row + 0.6) * size_wh[1] / rows))
-        cv2.putText(picture, f"{values[row, column]:.1f}", at, cv2.FONT_HERSHEY_SIMPLEX, size_wh[0] / 1600, (255, 255, 255), 1)
-    return np.asarray(picture)
-
-
 # before the first frame; times may be negative, and differences of two must not overflow
 _NEVER_NS = -(2**61)
 
