@@ -173,7 +173,7 @@ def test_the_last_line_of_calibrate_clocks_agrees_with_its_table(
     lab: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: Any, late_s: float, kept: str, purpose: str
 ) -> None:
     late = ClockEstimate.known(late_s * np.eye(len(lab.rig))[1], 0.0)
-    found = ClockCalibration(rig=lab.rig, clocks=late, report=CalibrationReport("clocks", ()), frame_period_s=(0.04,) * 4)
+    found = ClockCalibration(rig=lab.rig, clocks=late, report=CalibrationReport("clocks", ()))
     monkeypatch.setattr("posefuse.calibrate_clocks", lambda *_, **__: found)
     if kept:
         (tmp_path / "posefuse.toml").write_text(kept)
@@ -187,7 +187,7 @@ def test_the_next_command_after_clocks_reads_what_the_clocks_were_found_in(
     """It had the session only, where the calibration file lies elsewhere, and 2D poses have no frame rate."""
     write_rig(rig_file := tmp_path / "the rig.toml", lab.rig)
     known = ClockEstimate.known(0.1 * np.eye(len(lab.rig))[1], 0.0)
-    found = ClockCalibration(rig=lab.rig, clocks=known, report=CalibrationReport("clocks", ()), frame_period_s=(0.04,) * 4)
+    found = ClockCalibration(rig=lab.rig, clocks=known, report=CalibrationReport("clocks", ()))
     monkeypatch.setattr("posefuse.calibrate_clocks", lambda *_, **__: found)
     given = ["--rig", str(rig_file), "--rate", "50", "--input", "pose2d", "--networks", "blazepose_lite"]
     run("clocks", str(tmp_path), *given, "--seconds", "20", "--clocks", "drift")
@@ -212,7 +212,7 @@ def test_images_of_a_person_are_named_as_what_is_not_read(tmp_path: Path, lab: A
 def test_clocks_of_a_person_go_where_the_rig_goes(lab: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: Any) -> None:
     """The last line named the rig file alone, though the clocks lie next to it; and it was not the last line."""
     known = ClockEstimate.known(0.1 * np.eye(len(lab.rig))[1], 0.0)
-    found = RigCalibration(rig=lab.rig, report=CalibrationReport("person", ()), clocks=known, frame_period_s=(0.04,) * 4)
+    found = RigCalibration(rig=lab.rig, report=CalibrationReport("person", ()), clocks=known)
     monkeypatch.setattr("posefuse.calibrate_person", lambda *_, **__: found)
     write_rig(tmp_path / "lenses.toml", lab.rig)
     run("person", "walk", "--intrinsics", str(tmp_path / "lenses.toml"), "--height-m", "1.8", "--out", str(tmp_path / "r.toml"))

@@ -291,8 +291,7 @@ def calibrate_person(
         # the intrinsics as they were given: videos of another size are fitted again wherever they are read
         poses = {camera.name: camera.cam_from_world for camera in found.rig}
         placed = replace(found.rig, cameras=tuple(replace(camera, cam_from_world=poses[camera.name]) for camera in cameras))
-        periods_s = () if estimate is None else seen.frame_period_s
-        return RigCalibration(rig=rig_of(placed), report=found.report, clocks=estimate, frame_period_s=periods_s)
+        return RigCalibration(rig=rig_of(placed), report=found.report, clocks=estimate)
 
     with shown(progress) as report:
         return after(background_of_person(paths, cameras), lambda: solve(report))
@@ -337,7 +336,7 @@ def calibrate_clocks(
     with shown(progress) as report:
         seen = person_in_session(folder, config, seconds, report)
         found = after(seen.background, lambda: clocks_from_person(seen.rig, seen.tracks, max_offset_s, drift))
-    return ClockCalibration(rig=rig_of(seen.rig), clocks=found.clocks, report=found.report, frame_period_s=seen.frame_period_s)
+    return ClockCalibration(rig=rig_of(seen.rig), clocks=found.clocks, report=found.report)
 
 
 @checked

@@ -61,17 +61,15 @@ class _WithClocks:
     Attributes:
         rig: the cameras. report: checks, notes and numbers.
         clocks: clock offsets of the cameras in seconds; None where they are synchronised, or were taken so.
-        frame_period_s: seconds between two frames, per camera; empty where no clocks were found.
     """
 
     rig: Rig
     report: CalibrationReport
     clocks: ClockEstimate | None = None
-    frame_period_s: tuple[float, ...] = ()
 
     def summary(self) -> list[Block]:
         """Checks, notes and clocks, for people."""
-        return [*self.report.summary(), *clock_blocks(self.rig.names, self.clocks, self.frame_period_s)]
+        return [*self.report.summary(), *clock_blocks(self.rig.names, self.clocks)]
 
     @property
     def clock_settings(self) -> str:
@@ -86,7 +84,6 @@ class RigCalibration(_WithClocks):
     Attributes:
         rig: the cameras in world coordinates. report: checks, notes and numbers.
         clocks: clock offsets of the cameras in seconds; None where they are synchronised, or were taken so.
-        frame_period_s: per camera; empty where no clocks were found.
         cells: (rows, columns) frames in which a target covered each part of the image, by camera name; empty without a target.
         position_cov_m2: (3, 3) covariance of each camera's place against the first one that was placed, in world coordinates, by
             camera name; empty without a target.
@@ -122,11 +119,9 @@ class ClockCalibration(_WithClocks):
 
     Attributes:
         rig: the calibrated cameras. clocks: offsets and drifts against the first camera. report: checks and numbers.
-        frame_period_s: seconds between two frames, per camera.
     """
 
     clocks: ClockEstimate
-    frame_period_s: tuple[float, ...]
 
     def save(self, path: str | Path) -> Path | None:
         """Write the settings file of a session (``SESSION/posefuse.toml``).
@@ -207,18 +202,20 @@ def other_intrinsics(path: Path, names: Sequence[str]) -> list[Camera]:
     return [] if placed else [camera for camera in cameras if camera.name not in names]
 
 
-def clock_blocks(names: Sequence[str], clocks: ClockEstimate | None, period_s: Sequence[float]) -> list[Block]:
-    """A table of all cameras, in ms and in frames, which come every period_s (C,) s; nothing without a period."""
-    if clocks is None or not period_s:
+def clock_blocks(names: Sequence[str], clocks: ClockEstimate | None) -> list[Block]:
+    """A table of all cameras."""
+    if clocks is None:
         return []
     rows: list[list[Any]] = []
     for c, name in enumerate(names):
         offset, sigma = clocks.offset_s[c], clocks.offset_sigma_s[c]
-        rows.append([name, _both(offset * 1e3, sigma * 1e3, 1), _both(offset / period_s[c], sigma / period_s[c], 2)])
+        rows.append([name, _both(offset * 1e3, sigma * 1e3, 1)])
         if clocks.drift_sigma.any():
             rows[-1].append(_both(clocks.drift[c] * 1e6, clocks.drift_sigma[c] * 1e6, 0))
-    columns = ("camera", "stamps late by, ms", "in frames", "running fast by, ppm")
-    return [Heading(f"clocks, against {names[0]}"), Table(columns[: len(rows[0])], rows, text=True)]
+    columns = ("camera", "stamps late by, ms", "running fast by, ppm")
+    # the only ones without a standard error
+    reference = names[int(clocks.offset_sigma_s.argmin())]
+    return [Heading(f"clocks, against {reference}"), Table(columns[: len(rows[0])], rows, text=True)]
 
 
 def _both(value: float, sigma: float, digits: int) -> str:
