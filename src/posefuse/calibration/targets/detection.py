@@ -157,22 +157,23 @@ def why_nothing(grey_images: Sequence[Array], target: Target, edge_width_px: flo
     """
     if _found_in(grey_images, TargetDetector(target), lambda image: cv2.flip(image, 1)):
         return "it is there when the image is mirrored: switch the mirror mode of the camera off"
+    if isinstance(target, Chessboard):
+        return (
+            f"no chessboard of {target.columns} x {target.rows} inner corners is wholly inside the image: too small, blurred, cut"
+            " off, without a white margin, or has it another number of inner corners?"
+        )
     if wrong := _wrong_file(grey_images, target):
         return wrong
-    if isinstance(target, Chessboard):
-        return "no chessboard is wholly inside the image: too small, blurred, cut off or without a white margin?"
     width_px = float(np.nanmax([edge_width_px, usual_edge_width_px(grey_images)]))
     if width_px > BLURRED_EDGE_PX:
         return f"the images are blurred, edges are {width_px:.0f} px wide: focus, shorten the exposure, add light"
     return "no marker of any known dictionary is there: too small, blurred, cut off or badly lit?"
 
 
-def _wrong_file(grey_images: Sequence[Array], target: Target) -> str:
+def _wrong_file(grey_images: Sequence[Array], target: Markers | Charuco) -> str:
     """What the target file states that is not in the images, which show a target; empty where they show none."""
     if _found_in(grey_images, TargetDetector(target), lambda image: 255 - image):
         return "it is there with colours exchanged: set or clear `inverted`"
-    if isinstance(target, Chessboard):
-        return other_chessboard(grey_images, target)
     if isinstance(target, Charuco):
         turned = replace(target, columns=target.rows, rows=target.columns)
         if _found_in(grey_images, TargetDetector(turned), None):
@@ -199,23 +200,6 @@ def _other_ids(ids: list[int], target: Target) -> str:
 
 def _found_in(grey_images: Sequence[Array], detector: TargetDetector, change: Callable[[Array], Array] | None) -> bool:
     return any(len(detector.detect(change(image) if change else image).xy_img) for image in grey_images)
-
-
-def other_chessboard(grey_images: Sequence[Array], target: Chessboard, *, larger: bool = False) -> str:
-    """The size of a chessboard in these images that the target file states otherwise, in words; empty where there is none.
-
-    `larger`: of those of which the target may be a part.
-    """
-    sizes = [(c, r) for c in range(3, 13) for r in range(3, c + 1) if {c, r} != {target.columns, target.rows}]
-    if larger:
-        sizes = [(c, r) for c, r in sizes if c * r > target.columns * target.rows]
-    for size in sorted(sizes, key=lambda size: -size[0] * size[1]):
-        if any(cv2.findChessboardCorners(image, size, flags=cv2.CALIB_CB_FAST_CHECK)[0] for image in grey_images[:3]):
-            columns, rows = sorted(size, reverse=target.columns >= target.rows)
-            return (
-                f"a board of {columns} x {rows} inner corners is there, the target file states {target.columns} x {target.rows}"
-            )
-    return ""
 
 
 def _ids_in(grey_images: Sequence[Array], dictionary: str) -> list[int]:
