@@ -163,11 +163,6 @@ class SolvedRig:
         share = np.where(there < _LEAST_JUDGED, 1.0, agree / np.maximum(there, 1))
         return np.asarray(share.reshape(count, parts))
 
-    @property
-    def start(self) -> tuple[Poses, Freedom]:
-        """Where another solve of the same cameras may begin: their poses, and what may move."""
-        return self.solution.state.cam_from_world, self.freedom
-
     def again(self, **freed: Any) -> Self:
         """Solved once more from here, with the fields `freed` of `Freedom` besides the poses of cameras and patches."""
         freedom, state = replace(self.freedom, **freed), self.solution.state
