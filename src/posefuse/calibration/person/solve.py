@@ -1,7 +1,7 @@
 """Where the cameras are, from one walking person alone: 2D keypoints, intrinsics, and one known length for the scale.
 
-A rough answer first (`keypoint_solve.first_poses`), then one robust bundle adjustment over all cameras and keypoints. The same checks as
-for a prop stand between this and a rig.
+A rough answer first (`keypoint_solve.first_poses`), then one robust bundle adjustment over all cameras and keypoints. The same
+checks as for a prop stand between this and a rig.
 """
 
 from __future__ import annotations
