@@ -129,9 +129,9 @@ def test_a_rig_file_is_verified_with_the_clocks_next_to_it(lab: Any, tmp_path: P
     (tmp_path / "posefuse.toml").write_text("[cameras.cam01]\noffset_s = -0.05\n")
     found = verify(path, seen, target=lab.target)
     assert found.report.notes == (f"clock offsets of cam01 from {tmp_path / 'posefuse.toml'}",)
-    stated = verify(read_rig(path), seen, target=lab.target, clock_offset_s={"cam01": 0.05})
-    assert found.report.numbers == stated.report.numbers and stated.report.notes == ()
-    assert verify(path, seen, target=lab.target, clock_offset_s={}).report.numbers != stated.report.numbers
+    as_stamped = verify(read_rig(path), seen, target=lab.target)
+    late_ms = [one.report.numbers["cam01_late_ms"] for one in (found, as_stamped)]
+    assert late_ms == [pytest.approx(-50, abs=5), pytest.approx(0, abs=1)] and as_stamped.report.notes == ()
     here = replace(lab.rig, cameras=tuple(replace(camera, cam_from_world=SE3.identity()) for camera in lab.rig))
     lenses = rig_of(here).save(tmp_path / "lenses.toml")
     words = r"lenses\.toml: all 4 cameras are at one place: these are intrinsics only"
@@ -151,7 +151,7 @@ def test_a_camera_that_sees_the_marker_on_the_floor_alone_is_named(lab: Any, tmp
 def test_clock_offsets_are_saved_as_settings_and_shown_in_ms(lab: Any, tmp_path: Path) -> None:
     """Which settings these are: `test_clocks_reach_the_settings_of_track_and_never_overwrite_them`."""
     clocks = ClockEstimate.known(np.array([0.0, 0.12, -0.05, 0.031]), 0.0)
-    found = ClockCalibration(rig=lab.rig, clocks=clocks, report=REPORT, frame_period_s=(0.02,) * len(lab.rig))
+    found = ClockCalibration(rig=lab.rig, clocks=clocks, report=REPORT)
     refusal(InputError, r"posefuse\.toml", found.save, found.save(tmp_path / "posefuse.toml"))
     same = replace(found, clocks=ClockEstimate.known(np.zeros(4), 0.0))
     assert same.save(tmp_path / "other.toml") is None and not (tmp_path / "other.toml").exists()
@@ -195,9 +195,7 @@ def test_corners_of_one_row_of_a_board_are_no_view() -> None:
 
 def test_a_clock_that_is_right_is_not_stated_with_a_negative_zero() -> None:
     clocks = ClockEstimate.known(np.array([0.0, -1e-6, -0.012]), 0.0)
-    table = next(block for block in clock_blocks(["a", "b", "c"], clocks, [1 / 30] * 3) if isinstance(block, Table))
-    assert [row[1:] for row in table.rows] == [
-        ["+0.0 ± 0.0", "+0.00 ± 0.00"], ["+0.0 ± 0.0", "+0.00 ± 0.00"], ["-12.0 ± 0.0", "-0.36 ± 0.00"],
-    ]  # fmt: skip
+    table = next(block for block in clock_blocks(["a", "b", "c"], clocks) if isinstance(block, Table))
+    assert [row[1:] for row in table.rows] == [["+0.0 ± 0.0"], ["+0.0 ± 0.0"], ["-12.0 ± 0.0"]]
     assert column_texts([-0.0001, 12.3]) == ["0.0", "12.3"]
     assert column_texts([5.1e-16, 0.0]) == ["0.0", "0.0"]

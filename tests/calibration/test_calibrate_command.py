@@ -20,7 +20,6 @@ from posefuse.api.calibration_results import ClockCalibration, RigCalibration, s
 from posefuse.calibration.clocks.sync import ClockEstimate
 from posefuse.calibration.extrinsics.world import FloorMarker, read_floor_points, with_floor
 from posefuse.calibration.report import CalibrationReport, Check, RefusedCalibration
-from posefuse.calibration.targets.coverage import coverage, coverage_sheet
 from posefuse.calibration.targets.detection import TargetDetector
 from posefuse.calibration.targets.kinds import Charuco, Chessboard, Markers, Target, read_target, write_target
 from posefuse.calibration.targets.printing import Sheet
@@ -47,7 +46,7 @@ def test_a_printed_file_is_replaced_on_request_only(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("step", ["intrinsics", "extrinsics"])
-def test_a_wrong_target_file_asks_for_no_new_recording(step: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_wrong_target_file_is_named_as_such(step: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     target = Charuco(columns=5, rows=7, square_m=0.05, marker_m=0.0375)
     page = np.pad(target.board().generateImage((250, 350)), 40, constant_values=255)
     for name in ("cam00", "cam01"):
@@ -105,7 +104,6 @@ EXTRINSICS = "extrinsics --target cube.toml --intrinsics lenses.toml --out rig.t
         ("intrinsics --target board.toml --out lenses.yml cam00.mp4", InputError, "--out lenses.yml: a rig file is TOML"),
         ("extrinsics --target chess.toml --out rig.toml cam00.mp4", CalibrationError, "looks the same from both ends"),
         ("verify --target chess.toml --rig lenses.toml cam00.mp4", CalibrationError, "looks the same from both ends"),
-        ("verify --target cube.toml --rig lenses.toml --offset-ms cam00=nan cam00.mp4", InputError, "CAMERA=MILLISECONDS"),
         ("guide --target chess.toml --source cam00=video:cam00.mp4", CalibrationError, "looks the same from both ends"),
         (f"{EXTRINSICS} --floor-points none.toml", ConfigError, r"none\.toml: no such file"),
         (f"{EXTRINSICS} --floor-points a.toml --floor-marker 7", InputError, "one of the two sets the world"),
@@ -139,8 +137,8 @@ def test_lenses_and_places_from_real_footage(shared_data: Path, tmp_path: Path, 
     text = page.read_text()
     assert "extrinsics: passed" in text
     assert text.count("data:image/jpeg;base64,") == 4
-    offsets = [f"--offset-ms=cam_{i}={figures[f'cam_{i}_offset_ms']}" for i in range(4)]
-    assert run("verify", *board, "--rig", str(rig), *offsets, *videos)["length_rms_mm"] < 1.2
+    assert (tmp_path / "posefuse.toml").is_file()
+    assert run("verify", *board, "--rig", str(rig), *videos)["length_rms_mm"] < 1.2
     refused = tmp_path / "refused.toml"
     # it ran at 10 Hz and was read at 6 Hz
     with pytest.raises(RefusedCalibration, match="the time stamps of cam_1 are irregular"):
@@ -175,7 +173,7 @@ def test_the_last_line_of_calibrate_clocks_agrees_with_its_table(
     lab: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: Any, late_s: float, kept: str, purpose: str
 ) -> None:
     late = ClockEstimate.known(late_s * np.eye(len(lab.rig))[1], 0.0)
-    found = ClockCalibration(rig=lab.rig, clocks=late, report=CalibrationReport("clocks", ()), frame_period_s=(0.04,) * 4)
+    found = ClockCalibration(rig=lab.rig, clocks=late, report=CalibrationReport("clocks", ()))
     monkeypatch.setattr("posefuse.calibrate_clocks", lambda *_, **__: found)
     if kept:
         (tmp_path / "posefuse.toml").write_text(kept)
@@ -189,7 +187,7 @@ def test_the_next_command_after_clocks_reads_what_the_clocks_were_found_in(
     """It had the session only, where the calibration file lies elsewhere, and 2D poses have no frame rate."""
     write_rig(rig_file := tmp_path / "the rig.toml", lab.rig)
     known = ClockEstimate.known(0.1 * np.eye(len(lab.rig))[1], 0.0)
-    found = ClockCalibration(rig=lab.rig, clocks=known, report=CalibrationReport("clocks", ()), frame_period_s=(0.04,) * 4)
+    found = ClockCalibration(rig=lab.rig, clocks=known, report=CalibrationReport("clocks", ()))
     monkeypatch.setattr("posefuse.calibrate_clocks", lambda *_, **__: found)
     given = ["--rig", str(rig_file), "--rate", "50", "--input", "pose2d", "--networks", "blazepose_lite"]
     run("clocks", str(tmp_path), *given, "--seconds", "20", "--clocks", "drift")
@@ -214,7 +212,7 @@ def test_images_of_a_person_are_named_as_what_is_not_read(tmp_path: Path, lab: A
 def test_clocks_of_a_person_go_where_the_rig_goes(lab: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: Any) -> None:
     """The last line named the rig file alone, though the clocks lie next to it; and it was not the last line."""
     known = ClockEstimate.known(0.1 * np.eye(len(lab.rig))[1], 0.0)
-    found = RigCalibration(rig=lab.rig, report=CalibrationReport("person", ()), clocks=known, frame_period_s=(0.04,) * 4)
+    found = RigCalibration(rig=lab.rig, report=CalibrationReport("person", ()), clocks=known)
     monkeypatch.setattr("posefuse.calibrate_person", lambda *_, **__: found)
     write_rig(tmp_path / "lenses.toml", lab.rig)
     run("person", "walk", "--intrinsics", str(tmp_path / "lenses.toml"), "--height-m", "1.8", "--out", str(tmp_path / "r.toml"))
@@ -233,18 +231,6 @@ def test_a_drifting_clock_is_set_right_by_the_settings_written(lab: Any, tmp_pat
     for stamp_s in (2, 77):
         taken_s = stamp_s - offset - drift * (stamp_s - middle)
         assert ticks_ns(video, stamp_s, Fraction(1)) / 1e9 == pytest.approx(taken_s, abs=2e-6)
-
-
-def test_the_coverage_sheet_shows_which_camera_saw_nothing(lab: Any) -> None:
-    seen = lab.watch()
-    blind = coverage(seen.rows(seen.camera != 2))
-    sheet = coverage_sheet(blind, [camera.size_wh for camera in lab.rig], 160)
-    width, height = lab.rig.cameras[0].size_wh
-    tall = round(160 * height / width)
-    assert sheet.shape == (2 * tall, 320, 3)
-    green = sheet[..., 1].astype(int) - sheet[..., 0]
-    parts = [green[r : r + tall, c : c + 160].max() for r in (0, tall) for c in (0, 160)]
-    assert [part > 0 for part in parts] == [True, True, False, True]
 
 
 def test_a_report_shows_remedies_only_for_what_failed(read_page: Any, tmp_path: Path, ring_rig: Any) -> None:
@@ -330,7 +316,6 @@ def test_what_is_wrong_with_a_target_file_is_named(tmp_path: Path, text: str | N
         ("--columns 12 --rows 12 --square-mm 50 --marker-mm 37", "this target needs 0 to 71"),
         ("--columns 1 --rows 7 --square-mm 50 --marker-mm 37", "columns: expected at least 2, got 1"),
         ("--columns 5 --rows 7 --square-mm 50 --marker-mm 60", "60 mm: expected less than .* 50 mm"),
-        ("--columns 7 --rows 10 --square-mm 50 --marker-mm 30 --thickness-mm 5", "needs 0 to 69; take a smaller target"),
     ],
 )
 def test_a_target_that_cannot_be_is_not_printed(words: str, reason: str, tmp_path: Path) -> None:

@@ -12,15 +12,12 @@ from typing import Any
 import cv2
 import numpy as np
 import pytest
-from calibrating import differences, marker_page, run
+from calibrating import marker_page, run
 from checks import refusal
-from memory_source import Clip
 
 from bench.faults.waved_props import Faults, Waving, board, observe_prop
 from posefuse.api import calibrate as api
 from posefuse.calibration.extrinsics.own_intrinsics import starting_cameras
-from posefuse.calibration.extrinsics.pipeline import Options, RigTask, key_snapshots, link, solve
-from posefuse.calibration.extrinsics.target import calibrate_extrinsics
 from posefuse.calibration.intrinsics import PARAMETERS, calibrate_intrinsics
 from posefuse.calibration.report import RefusedCalibration
 from posefuse.calibration.targets.corners import CornerObservations
@@ -33,12 +30,11 @@ from posefuse.calibration.targets.kinds import (
     Target,
     TargetDescription,
     described_target,
-    sides,
     write_target,
 )
-from posefuse.calibration.targets.printing import CUBE_IDS, Sheet, board_sheets, marker_sheets, write_pdf
-from posefuse.calibration.targets.recordings import paths_by_camera, seen_or_why_not
-from posefuse.core import SE3, CalibrationError, ConfigError, Rig
+from posefuse.calibration.targets.printing import CUBE_IDS, Sheet, board_sheet, marker_sheets, write_pdf
+from posefuse.calibration.targets.recordings import paths_by_camera
+from posefuse.core import CalibrationError, ConfigError, Rig
 from posefuse.formats.rig import read_rig
 from posefuse.sources import ImagesConfig
 
@@ -74,7 +70,7 @@ def assert_printed_true(xy_img: np.ndarray, xyz: np.ndarray, atol: float) -> Non
 
 @needs_poppler
 def test_a_printed_charuco_board_has_its_true_size_and_the_printed_side_up(tmp_path: Path) -> None:
-    [page] = pages(board_sheets(BOARD, "a3"), 127, tmp_path)
+    [page] = pages([board_sheet(BOARD, "a3")], 127, tmp_path)
     found = TargetDetector(BOARD).detect(page)
     xyz = BOARD.corners(0)[found.corner]
     assert len(xyz) == len(BOARD.corners(0))
@@ -94,7 +90,7 @@ def test_printed_cube_faces_carry_six_ids_of_true_size(tmp_path: Path) -> None:
 
 def test_a_target_that_does_not_fit_the_page_is_refused() -> None:
     words = r"page a4: a drawing of 250 x 350 mm, .* does not fit.*page \(a3, a2, a1, a0\)"
-    refusal(ConfigError, words, board_sheets, BOARD, "a4")
+    refusal(ConfigError, words, board_sheet, BOARD, "a4")
     refusal(ConfigError, "there are: DICT_4X4_100", Markers, 0.1, "DICT_9X9")
 
 
@@ -107,64 +103,16 @@ def test_a_target_that_is_not_found_is_explained() -> None:
     grey = drawn(BOARD)
     assert len(TargetDetector(BOARD).detect(grey).xy_img) == 24
     nothing = np.full((200, 300), 128, np.uint8)
-    for image, target, words, kind in (
-        (cv2.flip(grey, 1), BOARD, "mirrored", "record"),
-        (255 - grey, BOARD, "colours exchanged", "input"),
-        (grey, replace(BOARD, columns=7, rows=5), "it is there with columns = 5, rows = 7", "input"),
-        (grey, replace(BOARD, columns=6), "but not as described: count columns and rows", "input"),
-        (grey, replace(BOARD, dictionary="DICT_7X7_50"), "DICT_4X4", "input"),
-        (nothing, BOARD, "no marker of any known dictionary", "record"),
-        (
-            chessboard_page(),
-            Chessboard(6, 5, 0.05),
-            "a board of 7 x 5 inner corners is there, the target file states 6 x 5",
-            "input",
-        ),
-        (
-            chessboard_page(),
-            Chessboard(6, 8, 0.05),
-            "a board of 5 x 7 inner corners is there, the target file states 6 x 8",
-            "input",
-        ),
-        (nothing, Chessboard(6, 5, 0.05), "no chessboard is wholly inside", "record"),
+    for image, target, words in (
+        (cv2.flip(grey, 1), BOARD, "mirrored"),
+        (255 - grey, BOARD, "colours exchanged"),
+        (grey, replace(BOARD, columns=7, rows=5), "it is there with columns = 5, rows = 7"),
+        (grey, replace(BOARD, columns=6), "but not as described: count columns and rows"),
+        (grey, replace(BOARD, dictionary="DICT_7X7_50"), "DICT_4X4"),
+        (nothing, BOARD, "no marker of any known dictionary"),
+        (nothing, Chessboard(6, 5, 0.05), "no chessboard of 6 x 5 inner corners is wholly inside"),
     ):
-        reason, mended_by = why_nothing([image], target)
-        assert words in reason and mended_by == kind
-
-
-def chessboard_page() -> np.ndarray:
-    """Of 7 x 5 inner corners."""
-    checks = cv2.resize(np.kron(np.indices((6, 8)).sum(axis=0) % 2, np.ones((8, 8))).astype(np.uint8) * 255, None, fx=5, fy=5)
-    return cv2.copyMakeBorder(checks, 60, 60, 60, 60, cv2.BORDER_CONSTANT, value=255)
-
-
-@pytest.mark.parametrize(
-    ("target", "words"),
-    [
-        (Chessboard(6, 5, 0.05), "in 2 of 8 frames: a board of 7 x 5 inner corners is there, the target file states 6 x 5"),
-        (Chessboard(7, 5, 0.05), ""),
-    ],
-)
-def test_a_chessboard_that_is_part_of_a_larger_one_is_named(target: Chessboard, words: str) -> None:
-    """A column too few: it was found in a frame now and then, and the advice was to show it from more places."""
-    corners = len(target.corners(0))
-    seen = CornerObservations(
-        cameras=("cam00",),
-        sizes_wh=((440, 360),),
-        frame_count=(8,),
-        camera=np.zeros(2 * corners),
-        t_ns=np.repeat([0, 4], corners),
-        patch=np.zeros(2 * corners),
-        corner=np.tile(np.arange(corners), 2),
-        xy_img=np.zeros((2 * corners, 2)),
-    )
-    source = Clip(image=np.repeat(chessboard_page()[..., None], 3, axis=-1), stamps_ns=tuple(range(8)))
-    if not words:
-        assert seen_or_why_not(seen, source, target) is seen
-        return
-    with pytest.raises(RefusedCalibration) as refused:
-        seen_or_why_not(seen, source, target)
-    assert words in str(refused.value) and refused.value.report.failed[0].kind == "input"
+        assert words in why_nothing([image], target)
 
 
 def test_the_same_id_twice_in_an_image_counts_for_nothing() -> None:
@@ -306,53 +254,9 @@ def test_real_chessboards_give_the_reference_lens(shared_data: Path, number: int
     np.testing.assert_allclose(found.distortion[0], reference.distortion[0], atol=0.02)
 
 
-# --- boards printed on both sides, and inverted prints: against the simulated truth
-
-
-OPTIONS = Options(time_steps=50, clocks="together")
-TWO_SIDED = Charuco(columns=5, rows=7, square_m=0.12, marker_m=0.09, thickness_m=0.01)
-
-
-@pytest.fixture(scope="module")
-def facing(ring_rig: Callable[..., Rig]) -> Rig:
-    """Two cameras that face each other: they never see the same side of a board."""
-    return ring_rig(2, radius_m=3.0, height_m=1.0, distortion=(-0.12, 0.05, 0.001, -0.0005, 0.0))
-
-
-def two_sided(rig: Rig, glued: SE3) -> CornerObservations:
-    motion = Waving(seconds=40.0, rate_hz=6.0, centre_m=(0, 0, 1.0), seed=7, reach_m=(0.6, 0.6, 0.4))
-    front, back = sides(TWO_SIDED).values()
-    return observe_prop(rig, {0: front, 1: back @ glued}, TWO_SIDED, motion, Faults(seed=3))
-
-
-def test_the_back_of_a_board_links_cameras_that_face_each_other(facing: Rig) -> None:
-    seen = two_sided(facing, SE3.identity())
-    for target, views, linked in (
-        (TWO_SIDED, seen, 2),
-        (replace(TWO_SIDED, thickness_m=None), seen.of_patches([0]), 1),
-    ):
-        task = RigTask(views, facing.cameras, target, replace(OPTIONS, time_steps=20))
-        key = key_snapshots(task, np.zeros((2, 2)))
-        assert len(link(task, key).placed if len(key.camera) else [0]) == linked
-
-
-@pytest.mark.slow
-def test_a_back_that_is_glued_on_badly_does_no_harm(facing: Rig) -> None:
-    """It is glued on 3 mm and 0.5 deg off the place that its thickness states, which the solve finds out."""
-    glued = SE3.from_rotvec(np.deg2rad([0.0, 0.2, 0.5]), np.array([0.003, -0.001, 0.002]))
-    seen = two_sided(facing, glued)
-    found = calibrate_extrinsics(seen, facing.cameras, TWO_SIDED, OPTIONS)
-    metres, radians = differences(facing, found.rig)
-    assert metres.max() < 0.005
-    assert np.rad2deg(radians.max()) < 0.06
-    sides_found = solve(RigTask(seen, facing.cameras, TWO_SIDED, OPTIONS), np.zeros((2, 2))).solution.state.prop_from_patch.se3()
-    off = sides(TWO_SIDED)[1].inverse() @ sides_found[0].inverse() @ sides_found[1]
-    np.testing.assert_allclose(off.xyz, glued.xyz, atol=1.5e-3)
-
-
 @pytest.mark.parametrize("marker_m", [0.022, 0.0225, 0.0234])
 def test_squares_and_markers_have_the_sizes_that_were_asked_for(marker_m: float) -> None:
-    (sheet,) = board_sheets(Charuco(columns=5, rows=7, square_m=0.03, marker_m=marker_m), "a4")
+    sheet = board_sheet(Charuco(columns=5, rows=7, square_m=0.03, marker_m=marker_m), "a4")
     sizes_m = np.array(sheet.black_m)[:, 2:]
     square = np.isclose(sizes_m, 0.03, atol=1e-9).all(axis=1)
     assert square.sum() >= 17
@@ -361,27 +265,14 @@ def test_squares_and_markers_have_the_sizes_that_were_asked_for(marker_m: float)
     assert modules.max() == pytest.approx(6)
 
 
-def test_the_sides_of_a_board_are_distinguished_by_their_markers() -> None:
-    target = TWO_SIDED
-    found = [detected(target, drawn_page(sheet)) for sheet in board_sheets(target, "a0")]
-    assert [set(one.patch.tolist()) for one in found] == [{0}, {1}]
-    np.testing.assert_array_equal(found[0].corner, found[1].corner)
-    assert sorted(set(found[0].corner.tolist())) == list(range(len(target.corners(0))))
-    # behind the same place of the board there is the same place seen from behind
-    front, back = (sides(target)[side] @ target.corners(side) for side in (0, 1))
-    assert front[:, 0].mean() == pytest.approx(back[:, 0].mean())
-    np.testing.assert_allclose(front[:, 1], back[:, 1])
-    np.testing.assert_allclose(back[:, 2], -(target.thickness_m or 0))
-
-
 def test_an_inverted_board_has_its_corners_where_the_usual_one_has_them() -> None:
     target = Charuco(columns=5, rows=7, square_m=0.12, marker_m=0.09)
     inverted = replace(target, inverted=True)
-    (grey,) = (drawn_page(sheet) for sheet in board_sheets(target, "a0"))
+    grey = drawn_page(board_sheet(target, "a0"))
     usual, other = detected(target, grey), detected(inverted, 255 - grey)
     np.testing.assert_array_equal(usual.corner, other.corner)
     np.testing.assert_allclose(usual.xy_img, other.xy_img, atol=0.05)
-    printed = detected(inverted, drawn_page(board_sheets(inverted, "a0")[0]))
+    printed = detected(inverted, drawn_page(board_sheet(inverted, "a0")))
     assert len(printed.xy_img) == len(usual.xy_img)
     shift = printed.xy_img - usual.xy_img
     np.testing.assert_allclose(shift, np.broadcast_to(shift.mean(axis=0), shift.shape), atol=0.6)
@@ -391,14 +282,14 @@ def test_an_inverted_board_has_its_corners_where_the_usual_one_has_them() -> Non
 @pytest.mark.parametrize(
     ("said", "words"),
     [
-        ({"kind": "markers", "marker_mm": 100, "thickness_mm": 3}, "thickness_mm: a target of kind markers has none"),
+        ({"kind": "markers", "marker_mm": 100, "legacy": True}, "legacy: a target of kind markers has none"),
         ({"kind": "charuco", "columns": 5, "rows": 7, "square_mm": 50, "marker_mm": 37, "ids": (40, 41)}, "ids: a target of"),
         ({"kind": "markers", "marker_mm": 37, "columns": 5, "square_mm": 50}, "columns, square_mm: a target"),
         ({"kind": "chessboard", "columns": 9, "rows": 6, "square_mm": 25, "inverted": True}, "inverted: a target of"),
     ],
 )
 def test_what_a_kind_of_target_does_not_have_is_refused(said: dict[str, Any], words: str) -> None:
-    """All but the first were taken, and ignored without a word."""
+    """Most were taken, and ignored without a word."""
     refusal(ConfigError, words, described_target, TargetDescription(**said), lambda names: ConfigError(str(names)))
 
 

@@ -133,7 +133,6 @@ def test_verification_measures_millimetres_and_finds_a_moved_camera_and_a_wrong_
     assert true.report.failed == ()
     assert true.report.numbers["length_rms_mm"] < 3
     assert true.report.numbers["scale"] == pytest.approx(1, abs=2e-3)
-    assert np.isfinite(true.cell_px).any(axis=(1, 2)).all()
     moved_rig = verify(turned(lab.rig, 0, [0.02, 0, 0]), seen, BOARD)
     failed = {check.name: check.detail for check in moved_rig.report.failed}
     assert "reprojection" in failed and failed["cameras are where the rig has them"].startswith("cam00 is turned by")

@@ -22,16 +22,13 @@ from hypothesis import strategies as st
 from posefuse.api.calibration_results import save_clocks, write_rig_file
 from posefuse.calibration.clocks.sync import ClockEstimate
 from posefuse.calibration.report import CalibrationReport
-from posefuse.calibration.targets.corners import CornerObservations
-from posefuse.calibration.targets.coverage import write_coverage
-from posefuse.cli.calibrate import RigOptions
-from posefuse.cli.calibration_steps import check_files
+from posefuse.cli.calibrate import RigOptions, check_files
 from posefuse.cli.main import main
 from posefuse.core import InputError, PosefuseError
 from posefuse.detection.card import read_card
 from posefuse.detection.files import fetch
 from posefuse.formats.rig import read_rig
-from posefuse.foundation.output_file import check_output_file, earlier_kept
+from posefuse.foundation.output_file import earlier_kept
 from posefuse.foundation.output_folder import MARK_FILE, OutputFolder, check_replaceable, growing_folder, output_folder
 from posefuse.pipeline.config import CONFIG_FILE
 
@@ -88,7 +85,7 @@ MODEL_FILE = "pose_landmark_full.tflite"
 NAMES = st.sampled_from(
     ["report.html", "recording.json", "recording.npz", "rig.toml", "scene.yaml", "INCOMPLETE", MARK_FILE, "compare.json"]
     + ["compare.html", "latency.json", "walking.json", "out", "out.partial", "videos", "thesis [final].docx", "x[/b]", ".hidden"]
-    + ["posefuse.toml", "models", MODEL_FILE, "rig_coverage.png"]
+    + ["posefuse.toml", "models", MODEL_FILE]
 )
 TREES = st.dictionaries(st.lists(NAMES, min_size=1, max_size=3).map("/".join), st.binary(max_size=20), max_size=6)
 PLACES = st.sampled_from([".", "out", "out/deep", "videos", "x[/b]"])
@@ -183,19 +180,12 @@ def experimented(results: Path, out: Path, force: bool) -> None:
 def calibrated(results: Path, out: Path, force: bool) -> None:
     """What `posefuse calibrate extrinsics`, `intrinsics` and `person` do before and after their work."""
     rig = read_rig(results / "R" / "rig.toml")
-    path, report, coverage = out / "rig.toml", out / "report.html", out / "rig_coverage.png"
-    few = np.arange(4)
-    seen = CornerObservations(
-        cameras=("a", "b"), sizes_wh=((64, 48),) * 2, frame_count=(2, 2), camera=few // 2, t_ns=few, patch=few * 0,
-        corner=few * 0, xy_img=np.full((4, 2), 9.0),
-    )  # fmt: skip
+    path, report = out / "rig.toml", out / "report.html"
     try:
         out.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise InputError(str(error)) from None
     check_files(RigOptions(out=path, report=report, replace=force))
-    check_output_file(coverage, option="--out", replace=force)
-    write_coverage(coverage, seen)
     write_rig_file(path, rig)
     CalibrationReport("rig", ()).save(report, rig=rig)
     save_clocks(out / CONFIG_FILE, rig.names, ClockEstimate.known(0.1 * np.arange(len(rig)), 0.0))
@@ -245,7 +235,7 @@ def test_foreign_files_are_unchanged_after_every_command(work: Callable[[Path, P
     @example({"thesis [final].docx": b"x", "report.html": b"x"}, ".", False, True)
     @example({"out/deep/thesis [final].docx": b"x"}, "out", True, True)
     @example({"out.partial/raw": b"x"}, "out", True, True)
-    @example({f"out/models/{MODEL_FILE}": b"x", "out/rig.toml": b"x", "out/rig_coverage.png": b"x"}, "out", False, True)
+    @example({f"out/models/{MODEL_FILE}": b"x", "out/rig.toml": b"x"}, "out", False, True)
     @example({"out/posefuse.toml": b"x", "out/parts/x": b"x", "out/.DS_Store": b"x"}, "out", True, True)
     @given(TREES, PLACES, st.booleans(), st.booleans())
     def check(files: dict[str, bytes], place: str, again: bool, force: bool) -> None:

@@ -238,7 +238,7 @@ WITH_FILES: dict[str, tuple[str, type[Any], str]] = {
         "--config",
         TrackConfig,
         "--rig text, --input pose2d, --weights score, --raw, --body off, --person -1.1,0, --start 1, --end 2, --outputs trc, "
-        "--rate 50, --people 2, --names A,B, --refine-rig",
+        "--rate 50, --people 2, --names A,B",
     ),
     "batch STUDY --out text": ("--config", TrackConfig, "--outputs trc"),
 }

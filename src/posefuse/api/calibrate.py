@@ -28,7 +28,6 @@ from posefuse.calibration.extrinsics.world import (
 from posefuse.calibration.person.scale import KnownLength
 from posefuse.calibration.report import RefusedCalibration, after
 from posefuse.calibration.targets.corners import CornerObservations
-from posefuse.calibration.targets.coverage import write_coverage
 from posefuse.calibration.targets.detection import detect_corners
 from posefuse.calibration.targets.kinds import Target, check_one_end, read_target
 from posefuse.calibration.targets.recordings import (
@@ -53,7 +52,7 @@ from posefuse.pipeline.calibration import (
 )
 from posefuse.pipeline.config import CONFIG_FILE, read_config
 
-from .arguments import checked, lines_of, shown
+from .arguments import checked, shown
 from .calibration_results import ClockCalibration, IntrinsicsCalibration, RigCalibration, RigVerification, saved_clocks
 from .rig_and_detector import rig_of
 from .track import session_config
@@ -83,8 +82,7 @@ def observe_target(
     """
     check_one_end(kind := target_of(target))
     with shown(progress) as report:
-        seen = observe_sources(open_sources(inputs), kind, every, report)
-    return replace(seen, recordings=tuple(paths_by_camera(inputs).items()))
+        return _observed(inputs, None, kind, every, report)
 
 
 @checked
@@ -158,7 +156,6 @@ def calibrate_extrinsics(
     upside_down: Sequence[str] = (),
     any_size: bool = False,
     keep_refused: bool = False,
-    coverage: str | Path | None = None,
     progress: Progress | bool | None = None,
 ) -> RigCalibration:
     """Find the poses of the cameras from a target that is moved in front of them.
@@ -176,8 +173,6 @@ def calibrate_extrinsics(
         upside_down: cameras that are mounted upside down.
         any_size: also accept a rig that is far smaller or larger than a room.
         keep_refused: return a refused calibration too. Its rig is marked as refused, and `report.failed` states why.
-        coverage: PNG that shows which part of each image the target has covered, written before anything is solved, which may be
-            refused; an older one is kept as ``NAME.replaced-TIME``.
 
     Raises:
         RefusedCalibration: a check fails; `report` names it and the next step.
@@ -199,7 +194,7 @@ def calibrate_extrinsics(
     seen = inputs
     if not isinstance(seen, CornerObservations):
         with shown(progress) as report:
-            seen = _observed(seen, lenses, with_floor(kind, floor), every, coverage, report)
+            seen = _observed(seen, lenses, with_floor(kind, floor), every, report)
     observations, world = world_rule(floor, seen, kind)
     sources = open_sources(dict(seen.recordings))
     require_target_seen(observations, sources, moved_target(kind, floor))
@@ -232,16 +227,12 @@ def calibrate_extrinsics(
     )
 
 
-def _observed(
-    inputs: Inputs, lenses: core.Rig | None, target: Target, every: int, coverage: str | Path | None, report: Progress
-) -> CornerObservations:
+def _observed(inputs: Inputs, lenses: core.Rig | None, target: Target, every: int, report: Progress) -> CornerObservations:
     sources = open_sources(inputs)
     if lenses is not None:
         for source in sources:
             lenses[source.camera]
     seen = observe_sources(sources, target, every, report)
-    if coverage is not None:
-        lines_of(report, "coverage")(f"{coverage}: {write_coverage(Path(coverage), seen).advice()}")
     return replace(seen, recordings=tuple(paths_by_camera(inputs).items()))
 
 
@@ -300,8 +291,7 @@ def calibrate_person(
         # the intrinsics as they were given: videos of another size are fitted again wherever they are read
         poses = {camera.name: camera.cam_from_world for camera in found.rig}
         placed = replace(found.rig, cameras=tuple(replace(camera, cam_from_world=poses[camera.name]) for camera in cameras))
-        periods_s = () if estimate is None else seen.frame_period_s
-        return RigCalibration(rig=rig_of(placed), report=found.report, clocks=estimate, frame_period_s=periods_s)
+        return RigCalibration(rig=rig_of(placed), report=found.report, clocks=estimate)
 
     with shown(progress) as report:
         return after(background_of_person(paths, cameras), lambda: solve(report))
@@ -346,7 +336,7 @@ def calibrate_clocks(
     with shown(progress) as report:
         seen = person_in_session(folder, config, seconds, report)
         found = after(seen.background, lambda: clocks_from_person(seen.rig, seen.tracks, max_offset_s, drift))
-    return ClockCalibration(rig=rig_of(seen.rig), clocks=found.clocks, report=found.report, frame_period_s=seen.frame_period_s)
+    return ClockCalibration(rig=rig_of(seen.rig), clocks=found.clocks, report=found.report)
 
 
 @checked
@@ -356,19 +346,16 @@ def verify(
     *,
     target: TargetLike,
     every: int = 1,
-    clock_offset_s: Mapping[str, float] | None = None,
     progress: Progress | bool | None = None,
 ) -> RigVerification:
     """Measure the errors of a rig with a target that was not used for its calibration, held anywhere.
 
     Args:
-        rig: the rig to verify.
+        rig: the rig to verify; of a rig file, with the clock offsets of the ``posefuse.toml`` next to it.
         inputs: videos or folders of images: a mapping by camera name, or paths whose stems are the cameras' names.
         target: what the cameras see: a board, or an object with markers.
         every: use every `every`-th frame only.
         progress: True for bars on stderr, or a function (see `Progress`).
-        clock_offset_s: clock offsets found by the calibration, by camera name; others are 0. None: those that
-            ``posefuse.toml`` next to a rig file states.
 
     Returns:
         The errors and the checks, also where a check fails: see `RigVerification.passed`.
@@ -382,12 +369,10 @@ def verify(
         >>> found = pf.verify("rig.toml", {"cam00": "cam00.mp4", "cam01": "cam01.mp4"}, target="cube.toml")  # doctest: +SKIP
         >>> found.passed, found.report  # doctest: +SKIP
     """
-    cameras, kind, notes = rig_of(rig, placed=True), target_of(target), tuple[str, ...]()
-    if clock_offset_s is None and not isinstance(rig, core.Rig):
-        settings = Path(rig).with_name(CONFIG_FILE)
-        if clock_offset_s := saved_clocks(settings, cameras):
-            notes = (f"clock offsets of {', '.join(clock_offset_s)} from {settings}",)
-    offsets = {cameras[name].name: value for name, value in (clock_offset_s or {}).items()}
+    cameras, kind = rig_of(rig, placed=True), target_of(target)
+    settings = None if isinstance(rig, core.Rig) else Path(rig).with_name(CONFIG_FILE)
+    offsets = {} if settings is None else saved_clocks(settings, cameras)
+    notes = (f"clock offsets of {', '.join(offsets)} from {settings}",) if offsets else ()
     late_s: Array = np.array([offsets.get(name, 0.0) for name in cameras.names])
     seen = (
         inputs if isinstance(inputs, CornerObservations) else observe_target(inputs, target=kind, every=every, progress=progress)

@@ -10,7 +10,7 @@ from typing import Any
 
 from posefuse.calibration.clocks.sync import ClockEstimate, clock_figures, clock_settings
 from posefuse.calibration.report import CalibrationReport
-from posefuse.calibration.targets.coverage import coverage_picture, heat_map_image
+from posefuse.calibration.targets.coverage import coverage_picture
 from posefuse.calibration.verify import Verification
 from posefuse.core import CalibrationError, Camera, InputError
 from posefuse.core import Rig as CoreRig
@@ -22,9 +22,6 @@ from posefuse.foundation.summary import Block, Heading, Table
 from posefuse.pipeline.config import read_config
 
 from .rig_and_detector import Rig
-
-# a full colour of the verification images
-_FULL_PX = 3.0
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -64,17 +61,15 @@ class _WithClocks:
     Attributes:
         rig: the cameras. report: checks, notes and numbers.
         clocks: clock offsets of the cameras in seconds; None where they are synchronised, or were taken so.
-        frame_period_s: seconds between two frames, per camera; empty where no clocks were found.
     """
 
     rig: Rig
     report: CalibrationReport
     clocks: ClockEstimate | None = None
-    frame_period_s: tuple[float, ...] = ()
 
     def summary(self) -> list[Block]:
         """Checks, notes and clocks, for people."""
-        return [*self.report.summary(), *clock_blocks(self.rig.names, self.clocks, self.frame_period_s)]
+        return [*self.report.summary(), *clock_blocks(self.rig.names, self.clocks)]
 
     @property
     def clock_settings(self) -> str:
@@ -89,7 +84,6 @@ class RigCalibration(_WithClocks):
     Attributes:
         rig: the cameras in world coordinates. report: checks, notes and numbers.
         clocks: clock offsets of the cameras in seconds; None where they are synchronised, or were taken so.
-        frame_period_s: per camera; empty where no clocks were found.
         cells: (rows, columns) frames in which a target covered each part of the image, by camera name; empty without a target.
         position_cov_m2: (3, 3) covariance of each camera's place against the first one that was placed, in world coordinates, by
             camera name; empty without a target.
@@ -125,11 +119,9 @@ class ClockCalibration(_WithClocks):
 
     Attributes:
         rig: the calibrated cameras. clocks: offsets and drifts against the first camera. report: checks and numbers.
-        frame_period_s: seconds between two frames, per camera.
     """
 
     clocks: ClockEstimate
-    frame_period_s: tuple[float, ...]
 
     def save(self, path: str | Path) -> Path | None:
         """Write the settings file of a session (``SESSION/posefuse.toml``).
@@ -160,7 +152,7 @@ class RigVerification:
     """How well a rig fits to a target of known size.
 
     Attributes:
-        rig: the cameras. report: checks and numbers. measured: points, lengths and reprojection errors.
+        rig: the cameras. report: checks and numbers. measured: errors of lengths and of each camera.
     """
 
     rig: Rig
@@ -178,12 +170,8 @@ class RigVerification:
         Raises:
             InputError: the file exists and `replace` is not set, or it cannot be written.
         """
-        pictures = {
-            f"{camera.name}: rms reprojection in px": heat_map_image(self.measured.cell_px[i], camera.size_wh, _FULL_PX)
-            for i, camera in enumerate(self.rig)
-        }
         target = _checked(path, replace)
-        self.report.save(target, pictures, self.rig)
+        self.report.save(target, rig=self.rig)
         return target
 
 
@@ -214,18 +202,20 @@ def other_intrinsics(path: Path, names: Sequence[str]) -> list[Camera]:
     return [] if placed else [camera for camera in cameras if camera.name not in names]
 
 
-def clock_blocks(names: Sequence[str], clocks: ClockEstimate | None, period_s: Sequence[float]) -> list[Block]:
-    """A table of all cameras, in ms and in frames, which come every period_s (C,) s; nothing without a period."""
-    if clocks is None or not period_s:
+def clock_blocks(names: Sequence[str], clocks: ClockEstimate | None) -> list[Block]:
+    """A table of all cameras."""
+    if clocks is None:
         return []
     rows: list[list[Any]] = []
     for c, name in enumerate(names):
         offset, sigma = clocks.offset_s[c], clocks.offset_sigma_s[c]
-        rows.append([name, _both(offset * 1e3, sigma * 1e3, 1), _both(offset / period_s[c], sigma / period_s[c], 2)])
+        rows.append([name, _both(offset * 1e3, sigma * 1e3, 1)])
         if clocks.drift_sigma.any():
             rows[-1].append(_both(clocks.drift[c] * 1e6, clocks.drift_sigma[c] * 1e6, 0))
-    columns = ("camera", "stamps late by, ms", "in frames", "running fast by, ppm")
-    return [Heading(f"clocks, against {names[0]}"), Table(columns[: len(rows[0])], rows, text=True)]
+    columns = ("camera", "stamps late by, ms", "running fast by, ppm")
+    # the only ones without a standard error
+    reference = names[int(clocks.offset_sigma_s.argmin())]
+    return [Heading(f"clocks, against {reference}"), Table(columns[: len(rows[0])], rows, text=True)]
 
 
 def _both(value: float, sigma: float, digits: int) -> str:
@@ -275,8 +265,6 @@ def saved_clocks(path: Path, rig: CoreRig) -> dict[str, float]:
         raise InputError(f"{path}: no camera {choices(unknown)} in the rig; there are: {choices(rig.names)}")
     drifting = [name for name, one in cameras.items() if one.drift_ppm]
     if drifting:
-        raise InputError(
-            f"{path}: the clock of {', '.join(drifting)} drifts; give today's offsets in their place: `offset_ms=CAMERA=MS`"
-        )
+        raise InputError(f"{path}: the clock of {', '.join(drifting)} drifts; state today's offset_s there, without drift_ppm")
     # settings state what is added to stamps, a clock offset how late they are
     return {name: -one.offset_s for name, one in cameras.items() if one.offset_s}

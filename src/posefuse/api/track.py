@@ -178,8 +178,7 @@ def solve(
     from posefuse.foundation.output_folder import output_folder
     from posefuse.pipeline.edits import check_exclusions
     from posefuse.pipeline.reading import files_of_result, read_result
-    from posefuse.pipeline.solve import REFINED, edits_of, solve_again
-    from posefuse.pipeline.track import refined_line
+    from posefuse.pipeline.solve import edits_of, solve_again
     from posefuse.pipeline.writing import build_sinks, nearby_session, warn_of_failures, write_result
 
     path, place, changes = Path(result), Path(out), dict(settings or {})
@@ -196,8 +195,6 @@ def solve(
         sinks = build_sinks(chosen.outputs)
         with compiling("tracking", note):
             recording = solve_again(earlier, chosen, used)
-        if REFINED in recording.provenance:
-            note(refined_line(recording.provenance[REFINED]))
         files, failed = write_result(recording, session, sinks, folder, report)
     warn_of_failures(failed)
     excluded, seconds = len(used.exclusions), time.perf_counter() - began_s

@@ -89,7 +89,7 @@ def calibrate_intrinsics(observations: CornerObservations, target: Target) -> In
             f"expected at least {LEAST_VIEWS} views with {LEAST_CORNERS} corners or more, got {len(views)}"
             f" in {observations.frame_count[0]} frames"
         )
-        few = Check("target seen", False, detail, "show the board from more places and slants")
+        few = Check("target seen", False, detail, "show the board from more places and slants; count its columns and rows")
         raise RefusedCalibration(CalibrationReport(f"camera {name}", (few,)))
     views = [views[i] for i in evenly(np.arange(len(views)), _MOST_VIEWS)]
     solved = _solve(views, size_wh)

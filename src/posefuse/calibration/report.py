@@ -16,7 +16,7 @@ from posefuse.foundation.output_file import keep_copy
 from posefuse.foundation.summary import Block, Cell, Heading, Note, Table
 
 Result = TypeVar("Result")
-CheckKind = Literal["record", "clocks", "drift", "lenses", "rig", "upside down", "input"]
+CheckKind = Literal["record", "lenses", "rig"]
 
 
 @dataclass(frozen=True)
@@ -28,8 +28,7 @@ class Check:
         passed: whether it holds.
         detail: what was found, where, and the limit.
         remedy: what to do when it does not hold.
-        kind: what mends it: to ``record`` again, to estimate the ``clocks`` or their ``drift``, to calibrate the ``lenses``
-            or the ``rig`` again, to name cameras as ``upside down``, or to correct names, files or sizes of the ``input``.
+        kind: what has to be done again: the calibration of the ``lenses`` or of the ``rig``, else this step (``record``).
     """
 
     name: str

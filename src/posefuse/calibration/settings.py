@@ -18,20 +18,6 @@ TargetKind = Literal["markers", "charuco", "chessboard"]
 
 
 @settings
-class RefineSettings:
-    """How far cameras may be from their calibration.
-
-    Attributes:
-        move_sigma_m, turn_sigma_rad: standard deviation of a camera's position and orientation, per axis, about the calibrated.
-        together: so many keypoints of a view err as one: their information counts as that of one.
-    """
-
-    move_sigma_m: Annotated[float, Gt(0)] = 0.01
-    turn_sigma_rad: Annotated[float, Gt(0)] = 0.005
-    together: Annotated[float, Gt(0)] = 10.0
-
-
-@settings
 class TargetDescription:
     """The contents of a target file.
 
@@ -40,7 +26,6 @@ class TargetDescription:
         square_mm, marker_mm: edge of a square and of a marker's black square.
         dictionary: OpenCV's name of the marker dictionary. ids: markers of the target.
         inverted: black and white are exchanged. legacy: ChArUco layout of OpenCV before 4.6.
-        thickness_mm: distance of the prints of a board that is printed on both sides.
     """
 
     kind: TargetKind
@@ -48,7 +33,6 @@ class TargetDescription:
     rows: _Squares | None = None
     square_mm: _Millimetres | None = None
     marker_mm: _Millimetres | None = None
-    thickness_mm: _Millimetres | None = None
     dictionary: str = "DICT_4X4_50"
     ids: tuple[int, ...] = ()
     inverted: bool = False

@@ -1,4 +1,4 @@
-"""How true a rig is, measured with a target it was not made from, held anywhere: millimetres and pixels, and where."""
+"""How true a rig is, measured with a target it was not made from, held anywhere: millimetres and pixels."""
 
 from __future__ import annotations
 
@@ -13,7 +13,6 @@ from posefuse.calibration.extrinsics.snapshots import Snapshots, evenly, snapsho
 from posefuse.calibration.extrinsics.world import aligned, placed_by_rig, triangulate_linear
 from posefuse.calibration.geometry import Lenses, angle_between, centre_covariance_m2
 from posefuse.calibration.targets.corners import CornerObservations
-from posefuse.calibration.targets.coverage import CELLS_WH, cell_of
 from posefuse.calibration.targets.kinds import Target, check_one_end
 from posefuse.core import CalibrationError, Rig
 from posefuse.core.arrays import Array
@@ -220,13 +219,11 @@ class Verification:
 
     Attributes:
         length_error_m: (L,) measured minus true distances between corners of one patch at one time step.
-        cell_px: (C, rows, columns) the same per image region; NaN where nothing was seen.
         cameras: turn, shift, focal length and clock of each camera against the others.
         report: checks.
     """
 
     length_error_m: Array
-    cell_px: Array
     cameras: tuple[CameraError, ...]
     report: CalibrationReport
 
@@ -264,10 +261,9 @@ def verify(rig: Rig, observations: CornerObservations, target: Target, late_s: A
             f"verification: {len(error)} lengths measured, at least {_LEAST_LENGTHS} are needed;"
             " hold the target where two cameras see it, and check that each video is of the camera that it is named after"
         )
-    square = (off**2).sum(axis=-1)
     swapped = "" if all(one.excess <= 1 for one in found if one.noise_px > 0) else _swapped(rig, xy)
-    report = _report(rig, error, true, swapped=swapped, reprojection_px=_rms(square), found=found)
-    return Verification(length_error_m=error, cell_px=_cells(rig, xy, square), cameras=found, report=report)
+    report = _report(rig, error, true, swapped=swapped, reprojection_px=_rms((off**2).sum(axis=-1)), found=found)
+    return Verification(length_error_m=error, cameras=found, report=report)
 
 
 def _lengths(key: Array, xyz: Array, corners: Array) -> tuple[Array, Array]:
@@ -283,20 +279,6 @@ def _lengths(key: Array, xyz: Array, corners: Array) -> tuple[Array, Array]:
         error.append(np.linalg.norm(xyz[rows[i]] - xyz[rows[j]], axis=1) - wanted)
         true.append(wanted)
     return np.concatenate(error), np.concatenate(true)
-
-
-def _cells(rig: Rig, xy: Array, square: Array) -> Array:
-    columns, rows = CELLS_WH
-    out = np.full((len(rig), rows, columns), np.nan)
-    for c, camera in enumerate(rig):
-        good = np.isfinite(square[c])
-        cell = cell_of(xy[c, good], camera.size_wh)
-        flat = cell[:, 1] * columns + cell[:, 0]
-        count = np.bincount(flat, minlength=rows * columns)
-        total = np.bincount(flat, square[c, good], rows * columns)
-        with np.errstate(invalid="ignore"):
-            out[c] = np.sqrt(np.where(count > 0, total / count, np.nan)).reshape(rows, columns)
-    return out
 
 
 def _rms(square: Array) -> Array:

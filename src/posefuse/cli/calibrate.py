@@ -1,6 +1,8 @@
 """`posefuse record` and `posefuse calibrate`, step by step."""
 
-from dataclasses import dataclass, field
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, field, fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
@@ -8,9 +10,9 @@ from cyclopts import Group, Parameter
 
 import posefuse as pf
 from posefuse.calibration.settings import TargetDescription
+from posefuse.core import InputError
 from posefuse.pipeline.config import CONFIG_FILE
 
-from .calibration_steps import check_files, clock_offsets_s, option_words, reported
 from .options import (
     MOST_S,
     Figures,
@@ -37,8 +39,7 @@ CameraRecordings = Annotated[str, Parameter(metavar="SESSION|NAME=PATH", require
 _TARGET = Group("Target", sort_key=2)
 _TARGET_SETTINGS = {
     "columns": "columns N", "rows": "rows N", "square_mm": "square-mm MM", "marker_mm": "marker-mm MM",
-    "ids": "ids A,B,...", "thickness_mm": "thickness-mm MM", "dictionary": "dictionary NAME", "inverted": "inverted",
-    "legacy": "legacy",
+    "ids": "ids A,B,...", "dictionary": "dictionary NAME", "inverted": "inverted", "legacy": "legacy",
 }  # fmt: skip
 # ten times the fastest camera of a laboratory
 _MOST_HZ, _MOST_HEIGHT_M, _MOST_MM = 10_000.0, 3.0, 10_000.0
@@ -178,15 +179,12 @@ class VerifyOptions(ReportOptions):
     """What is verified.
 
     Attributes:
-        rig: Rig file to verify.
-        offset_ms: Clock offset in milliseconds, in place of those in posefuse.toml next to the rig file. May be given several
-            times.
+        rig: Rig file to verify; clock offsets are those of the posefuse.toml next to it.
     """
 
     rig: File
     target: Target
     every: Every = 1
-    offset_ms: Annotated[tuple[str, ...], Parameter(metavar="CAMERA=MS")] = ()
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -297,6 +295,37 @@ def calibrate_guide(*, options: GuideOptions, ros_2: Ros2Options = Ros2Options()
     return {**found.figures, "exit_code": code}
 
 
+def check_files(options: Any, inputs: Sequence[str] = ()) -> None:
+    """Raise InputError before any work where a file that the step will write cannot be, or exists without --force.
+
+    Args:
+        options: of the step. inputs: ``NAME=PATH`` texts of recordings.
+    """
+    from posefuse.calibration.targets.recordings import paths_by_camera
+    from posefuse.foundation.output_file import check_output_file
+
+    named = [getattr(options, name, None) for name in ("target", "intrinsics", "rig", "floor_points")]
+    read = [*paths_by_camera(inputs).values(), *(path for path in named if path is not None)]
+    for name in ("out", "report"):
+        if (path := getattr(options, name, None)) is not None:
+            check_output_file(path, option=f"--{option_of(name)}", inputs=read, replace=options.replace)
+            if name == "out" and path.suffix != ".toml":
+                raise InputError(f"--out {path}: a rig file is TOML: expected a name that ends in .toml")
+
+
+@contextmanager
+def reported(path: Path | None) -> Iterator[None]:
+    """Write the report of a refused calibration before the error is raised further."""
+    from posefuse.calibration.report import RefusedCalibration
+
+    try:
+        yield
+    except RefusedCalibration as refused:
+        if path is not None:
+            refused.report.save(path)
+        raise
+
+
 def calibrate_intrinsics(*inputs: CameraRecordings, options: IntrinsicsOptions, terminal: Shown) -> Figures:
     """Find the intrinsics of each camera from images of a board.
 
@@ -340,16 +369,13 @@ def calibrate_extrinsics(*inputs: CameraRecordings, options: ExtrinsicsOptions, 
     """
     from posefuse.api.calibrate import target_of
     from posefuse.api.targets import floor_of
-    from posefuse.foundation.output_file import check_output_file
 
-    coverage, read = options.out.with_name(f"{options.out.stem}_coverage.png"), check_files(options, inputs)
-    # a refused run leaves the image, and must not stop the next one; an older image is kept as a copy
-    check_output_file(coverage, option="--out", inputs=read, replace=True)
+    check_files(options, inputs)
     kind = target_of(options.target)
     with reported(options.report), terminal.stages() as progress:
         floor = floor_of(kind, marker=options.floor_marker, side_mm=options.floor_side_mm, points=options.floor_points)
         given = arguments_of(pf.calibrate_extrinsics, options)
-        found = pf.calibrate_extrinsics(inputs, **given, floor=floor, coverage=coverage, progress=progress)
+        found = pf.calibrate_extrinsics(inputs, **given, floor=floor, progress=progress)
     if found.report.failed:
         failed = ", ".join(check.name for check in found.report.failed)
         terminal.warn(f"refused ({failed}); kept all the same (--keep-refused), and marked as refused in the file")
@@ -362,7 +388,6 @@ def calibrate_extrinsics(*inputs: CameraRecordings, options: ExtrinsicsOptions, 
     )
     return {
         "rig": str(options.out),
-        "coverage": str(coverage),
         "settings": settings,
         **found.report.numbers,
         "notes": list(found.report.notes),
@@ -412,10 +437,20 @@ def calibrate_clocks(session: Path, /, *, options: ClockOptions = ClockOptions()
         found.save_report(options.report, replace=options.replace)
     settings = _save_clocks(session, found, terminal)
     needed = f"add the offsets to {session / CONFIG_FILE} first" if found.clock_settings else "the clocks need no correction"
-    also = option_words(options, _ALSO_OF_TRACK)
-    command = " ".join(filter(None, ["posefuse track", quoted(session), also, "--out RESULT"]))
-    terminal.next(command, "uses the clocks found" if settings else needed)
+    terminal.next(
+        f"posefuse track {quoted(session)} {_also_of_track(options)}--out RESULT", "uses the clocks found" if settings else needed
+    )
     return {"settings": settings, **found.report.numbers}
+
+
+def _also_of_track(options: ClockOptions) -> str:
+    """Options as they are typed, and a space: those with which the session was read."""
+    words = ""
+    for option in fields(options):
+        value = getattr(options, option.name)
+        if option.name in _ALSO_OF_TRACK and value != option.default:
+            words += f"--{option_of(option.name)} {quoted(value)} "
+    return words
 
 
 def calibrate_verify(*inputs: CameraRecordings, options: VerifyOptions, terminal: Shown) -> Figures:
@@ -426,8 +461,7 @@ def calibrate_verify(*inputs: CameraRecordings, options: VerifyOptions, terminal
     """
     check_files(options, inputs)
     with terminal.stages() as progress:
-        offsets_s = clock_offsets_s(options.offset_ms) if options.offset_ms else None
-        found = pf.verify(inputs=inputs, **arguments_of(pf.verify, options), clock_offset_s=offsets_s, progress=progress)
+        found = pf.verify(inputs=inputs, **arguments_of(pf.verify, options), progress=progress)
     terminal.show(found.report.summary())
     if options.report is not None:
         found.save(options.report, replace=options.replace)

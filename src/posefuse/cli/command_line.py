@@ -241,7 +241,7 @@ USUAL = {
     "calibrate clocks": "--rig --clocks --report --force",
     "calibrate verify": "--rig --target --report --force",
     "calibrate print": "--target --columns --rows --square-mm --marker-mm --ids --cube --page --out --force",
-    "track": "--out --force --resume --rig --people --names --start --end --refine-rig --outputs --networks --device --set",
+    "track": "--out --force --resume --rig --people --names --start --end --outputs --networks --device --set",
     "solve": "--out --force --exclude --keep-person --start --end --outputs --set",
     "batch": "--out --force --jobs --outputs --networks --set",
     "live": "--source --duration --record --videos --ros --osc --json-udp --output --view --people --networks --set",

@@ -16,7 +16,7 @@ from .terminal import Terminal, quoted
 _MAKES = Group("Result", sort_key=-3)
 _SOLVED = {
     "associate.max_people": "people N", "names": "names A,B,...", "associate.near_xy_m": "person X,Y", "start_s": "start S",
-    "end_s": "end S", "body": "body", "refine_rig": "refine-rig", "outputs": "outputs A,B,...",
+    "end_s": "end S", "body": "body", "outputs": "outputs A,B,...",
     "fuse.weights": "weights", "raw": "raw", "rate_hz": "rate HZ",
 }  # fmt: skip
 _EXCLUDED = re.compile(r"(?:(?P<camera>.+):)?(?P<start>-?\d+(?:\.\d*)?)-(?P<end>-?\d+(?:\.\d*)?)")

@@ -22,7 +22,7 @@ from posefuse.sources import VIDEO_SUFFIXES, VideoConfig
 
 from .config import TrackConfig
 from .opening import build_source, pose2d_rate_hz, read_session_poses, stated_rig
-from .person_poses import PersonSeen, frame_period_s, person_in_videos, poses_apart, timeline_of
+from .person_poses import PersonSeen, person_in_videos, poses_apart, timeline_of
 from .session import LEAST_CAMERAS, Session, find_session, fitted_camera
 
 
@@ -78,8 +78,7 @@ def find_person(
     chosen = choose_person({one.camera: list(one.frames(rate_hz)) for one in poses}, cameras)
     first = unplaced_clocks(chosen.tracks, cameras, length, clocks, most_s)
     tracks = chosen.tracks if first is None else at_clocks(chosen.tracks, first)
-    periods_s = (1 / rate_hz,) * len(tracks)
-    return PersonSeen(tracks=tracks, cameras=cameras, clocks=first, frame_period_s=periods_s, several_in=chosen.several_in)
+    return PersonSeen(tracks=tracks, cameras=cameras, clocks=first, several_in=chosen.several_in)
 
 
 def solve_person(
@@ -116,13 +115,12 @@ class SessionSeen:
     """The person as every camera of a session saw them.
 
     Attributes:
-        rig: as it applies to the images. tracks: per camera. frame_period_s: per camera. background: whether the
-            cameras stand still; without a check where there are no images.
+        rig: as it applies to the images. tracks: per camera. background: whether the cameras stand still; without a check where
+            there are no images.
     """
 
     rig: Rig
     tracks: tuple[PersonTrack, ...]
-    frame_period_s: tuple[float, ...]
     background: CalibrationReport
 
 
@@ -151,7 +149,7 @@ def _from_images(session: Session, config: TrackConfig, seconds: float, progress
     detector = build_detector(config.detector, rig)
     tracks = person_tracks(poses_apart(sources, detector, timeline, progress))
     background = background_of(sources, rig.cameras, timeline.span_ns).report
-    return SessionSeen(rig=rig, tracks=tracks, frame_period_s=tuple(map(frame_period_s, sources)), background=background)
+    return SessionSeen(rig=rig, tracks=tracks, background=background)
 
 
 def _from_files(session: Session, config: TrackConfig, seconds: float) -> SessionSeen:
@@ -162,9 +160,4 @@ def _from_files(session: Session, config: TrackConfig, seconds: float) -> Sessio
         frames = list(one.frames(rate_hz))
         spare = max(0, len(frames) - round(seconds * rate_hz)) // 2
         found[entry.camera] = frames[spare : len(frames) - spare]
-    return SessionSeen(
-        rig=stated_rig(session),
-        tracks=person_tracks(found),
-        frame_period_s=(1 / rate_hz,) * len(found),
-        background=CalibrationReport("background", ()),
-    )
+    return SessionSeen(rig=stated_rig(session), tracks=person_tracks(found), background=CalibrationReport("background", ()))

@@ -13,7 +13,6 @@ from typing import Annotated, Any, Literal, TypeVar
 from annotated_types import Ge, Gt, Le, Lt
 
 from posefuse.association.settings import AssociateSettings, PeopleNames
-from posefuse.calibration.settings import RefineSettings
 from posefuse.core import ConfigError
 from posefuse.detection.build import DetectorChoice
 from posefuse.foundation.settings import read_mapping, settings, settings_from_mapping
@@ -106,9 +105,6 @@ class TrackConfig:
             whom a limb was out of sight for a part of the recording, if a table of joint centres was fitted to the detector,
             the weights are ``robust`` and the result is smoothed; ``on`` for everybody.
         whole_body: how that skeleton may move.
-        refine_rig: refine the cameras' poses slightly from the people, then solve again; gains and costs are in
-            docs/calibration.md.
-        refine: how far the cameras may be from their calibration.
         live_gap_s: second solve of a live session, in which not every frame was used: interpolate between two frames of a
             camera that are at most this far apart. docs/recordings.md has the errors of other values.
         raw: keep every time step as it was fused: no smoothing, no filled gaps.
@@ -130,8 +126,6 @@ class TrackConfig:
     joint_centres: bool = True
     body: Literal["auto", "on", "off"] = "auto"
     whole_body: BodySettings = field(default_factory=BodySettings)
-    refine_rig: bool = False
-    refine: RefineSettings = field(default_factory=RefineSettings)
     live_gap_s: Annotated[float, Ge(0), Le(MOST_GAP_S)] = 0.2
     raw: bool = False
     outputs: Outputs = field(default_factory=lambda: options_by_name(DEFAULT_OUTPUTS))

@@ -43,7 +43,7 @@ from posefuse.pipeline.config import CameraInput
 from posefuse.pipeline.following import FollowedLog, PeopleFollower
 from posefuse.pipeline.second_pass import long_enough, poses_over_time
 from posefuse.pipeline.session import Input, fitted_camera
-from posefuse.pipeline.time_steps import ImageTimeSteps, Timeline, common_timeline, decoded, frame_period_ns
+from posefuse.pipeline.time_steps import ImageTimeSteps, Timeline, common_timeline, decoded
 from posefuse.sources import RecordedSource, VideoConfig
 from posefuse.tracking import SmoothSettings, sides_like
 
@@ -63,20 +63,13 @@ class PersonSeen:
 
     Attributes:
         tracks: one per camera, with times that are corrected by `clocks`. cameras: as they apply to the images.
-        clocks: found first; None where the cameras are synchronised. frame_period_s: per camera.
-        several_in: cameras that see further people.
+        clocks: found first; None where the cameras are synchronised. several_in: cameras that see further people.
     """
 
     tracks: tuple[PersonTrack, ...]
     cameras: tuple[Camera, ...]
     clocks: ClockEstimate | None
-    frame_period_s: tuple[float, ...] = ()
     several_in: tuple[str, ...] = ()
-
-
-def frame_period_s(source: RecordedSource) -> float:
-    """Seconds between two frames; NaN where that is not known."""
-    return (frame_period_ns(source.times_ns()) or float("nan")) / 1e9
 
 
 def person_in_videos(
@@ -103,7 +96,7 @@ def person_in_videos(
         fitted_camera(lenses[source.camera], Input(source.camera, "videos", path, CameraInput()), source)
         for source, path in zip(sources, paths.values(), strict=True)
     )
-    periods_s, timeline = tuple(map(frame_period_s, sources)), timeline_of(sources, steps=_WALK_STEPS)
+    timeline = timeline_of(sources, steps=_WALK_STEPS)
     fetch_networks(choice, progress)
     detector = build_detector(choice, Rig(cameras))
     chosen = choose_person(poses_apart(sources, detector, timeline, progress), cameras)
@@ -117,9 +110,7 @@ def person_in_videos(
     rig = rough_rig(alone, cameras, length)
     people = _MOST_PEOPLE if chosen.several_in else 1
     views = poses_together(sources, detector, timeline, rig, alone, people=people, progress=progress)
-    return PersonSeen(
-        tracks=views.tracks(), cameras=cameras, clocks=found, frame_period_s=periods_s, several_in=chosen.several_in
-    )
+    return PersonSeen(tracks=views.tracks(), cameras=cameras, clocks=found, several_in=chosen.several_in)
 
 
 def timeline_of(sources: Sequence[RecordedSource], seconds: float = _MOST_S, steps: float = 1.0) -> Timeline:

@@ -13,7 +13,6 @@ from typing import Any
 
 import numpy as np
 
-from posefuse.calibration.extrinsics.refine import refined_extrinsics
 from posefuse.core import ConfigError, InputError, JointCentres, Observations, Recording, Rig
 from posefuse.core.arrays import Array
 from posefuse.core.observations import NOT_KEPT, camera_times, on_time_steps
@@ -31,9 +30,7 @@ from .following import PeopleFollower
 from .second_pass import fit_bodies_in_place, long_enough, poses_over_time
 from .time_steps import common_timeline, frame_period_ns, stored_steps
 
-# in the provenance of a recording whose extrinsics were refined from its people
-REFINED = "refined_rig"
-# what is stated of its cameras, in plain values
+# what the provenance states of the cameras, in plain values
 CAMERA_FITS, RIG_WARNINGS, MOVED_CAMERAS, INCOMPLETE_CAMERAS = (
     "camera_fits", "rig_warnings", "moved_cameras", "incomplete_cameras"
 )  # fmt: skip
@@ -107,23 +104,6 @@ def fits_bodies(config: TrackConfig, centres: JointCentres | None) -> bool:
     return centres is not None and config.joint_centres and config.fuse.weights == "robust" and not config.raw
 
 
-def with_refined_rig(recording: Recording) -> Recording:
-    """The recording solved again with the cameras' poses refined from its people; the provenance has what changed.
-
-    A recording whose rig was refined already stays as it is, and so does one whose settings do not ask for it.
-    """
-    config = config_of(recording.provenance)
-    if not config.refine_rig or REFINED in recording.provenance:
-        return recording
-    found = refined_extrinsics(recording.rig, recording.views, config.refine)
-    cameras = {
-        name: {"moved_m": moved_m, "turned_rad": turned_rad}
-        for name, moved_m, turned_rad in zip(found.rig.names, found.moved_m.tolist(), found.turned_rad.tolist(), strict=True)
-    }
-    about = {"calibrated_rig_id": recording.rig.id, "before_px": found.before_px, "after_px": found.after_px, "cameras": cameras}
-    return solve(recording.observations, found.rig, {**recording.provenance, "rig_id": found.rig.id, REFINED: about})
-
-
 def solve_again(recording: Recording, config: TrackConfig | None = None, edits: Edits | None = None) -> Recording:
     """Solve a recording again from its observations, with its own settings or others.
 
@@ -137,7 +117,7 @@ def solve_again(recording: Recording, config: TrackConfig | None = None, edits: 
     Raises:
         InputError: the provenance does not have the settings (the recording was not made by posefuse), or edits that are about
             no camera or person of the recording; no frame, or no person could be followed.
-        ConfigError: another value of a setting that the observations were made, or the rig was refined with.
+        ConfigError: another value of a setting that the observations were made with.
         SourceError: nothing recorded between `start_s` and `end_s`, or more time steps than a recording can have.
     """
     about, observations = {**recording.provenance}, recording.observations
@@ -148,9 +128,7 @@ def solve_again(recording: Recording, config: TrackConfig | None = None, edits: 
         chosen = dataclasses.replace(chosen, names=edits.names)
     live = recording.is_live or about.get("second_solve", False)
     if "config" in about:
-        _check_same(config_of(about), chosen, _OBSERVED if live else (*_OBSERVED, "rate_hz"), "the detections were made")
-    if REFINED in about:
-        _check_same(config_of(recording.provenance), chosen, ("refine_rig", "refine"), "the rig was refined")
+        _check_same(config_of(about), chosen, _OBSERVED if live else (*_OBSERVED, "rate_hz"))
     about["config"] = plain(dataclasses.asdict(chosen))
     for outdated in ("edits", "fitted_people"):
         about.pop(outdated, None)
@@ -166,7 +144,7 @@ def solve_again(recording: Recording, config: TrackConfig | None = None, edits: 
         line = common_timeline({"all": t_ns}, None, chosen.start_s, chosen.end_s)
         first = int(np.searchsorted(t_ns, line.start_ns - line.period_ns // 2))
         observations = observations.part(slice(first, first + line.count))
-    solved = with_refined_rig(solve(observations, recording.rig, about))
+    solved = solve(observations, recording.rig, about)
     if CAMERA_FITS not in about:
         return solved
     return dataclasses.replace(solved, provenance={**solved.provenance, **_checked_again(solved, edits)})
@@ -212,10 +190,10 @@ def rig_facts(cameras: Mapping[str, CameraFit], moved: Sequence[Mapping[str, Any
     return facts
 
 
-def _check_same(before: TrackConfig, now: TrackConfig, names: Sequence[str], done: str) -> None:
+def _check_same(before: TrackConfig, now: TrackConfig, names: Sequence[str]) -> None:
     for name in names:
         if getattr(before, name) != getattr(now, name):
-            raise ConfigError(f"{name}: {done} with another value; for this one, track the session again")
+            raise ConfigError(f"{name}: the detections were made with another value; for this one, track the session again")
 
 
 def _on_even_steps(observations: Observations, config: TrackConfig) -> Observations:

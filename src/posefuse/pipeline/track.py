@@ -50,7 +50,7 @@ from .following import FollowedLog, PeopleFollower
 from .opening import Opened, open_session
 from .result_folder import DetectionStore, ResultFolder
 from .session import LEAST_CAMERAS, Session
-from .solve import INCOMPLETE_CAMERAS, REFINED, finding_line, rig_facts, solve_followed, with_refined_rig
+from .solve import INCOMPLETE_CAMERAS, finding_line, rig_facts, solve_followed
 from .time_steps import stored_steps
 from .writing import build_sinks, estimated_result_bytes, warn_of_failures, write_result
 
@@ -132,7 +132,7 @@ def _tracked(
     try:
         _check_people(observations)
         opened, observations = _with_known_noise(opened, observations, progress)
-        recording = with_refined_rig(solve_followed(observations, opened.rig, provenance_of(opened, incomplete)))
+        recording = solve_followed(observations, opened.rig, provenance_of(opened, incomplete))
     except PosefuseError:
         if store is not None and not (observations.score > 0).any():
             store.discard()
@@ -272,14 +272,12 @@ def _check_people(observations: Observations) -> None:
 
 
 def _notes(recording: Recording, config: TrackConfig) -> Iterator[str]:
-    """What a user may want to know of a result: people left out, names without a person, a refined rig."""
+    """What a user may want to know of a result: people left out, names without a person."""
     people = recording.poses.person_id
     if others := others_line(others_seen(recording.observations, config.associate), len(people)):
         yield others
     if unused := config.names[int(people.max(initial=-1)) + 1 :]:
         yield f"{len(people)} {'person' if len(people) == 1 else 'people'} found: no one has the name {choices(unused)}"
-    if REFINED in recording.provenance:
-        yield refined_line(recording.provenance[REFINED])
 
 
 # People who were seen but not asked for: how many, and in which cameras.
@@ -310,14 +308,3 @@ def others_line(seen: dict[str, int], followed: int) -> str | None:
     count = max(seen.values())
     more = "1 more person was" if count == 1 else f"up to {count} more people were"
     return f"{more} seen than the {followed} followed: {where}; `people=N` follows more"
-
-
-def refined_line(about: Mapping[str, Any]) -> str:
-    """What refining the extrinsics has changed, by the recording's provenance."""
-    cameras = about["cameras"]
-    worst = max(cameras, key=lambda name: float(cameras[name]["moved_m"]))
-    moved_mm, turned_deg = 1000 * cameras[worst]["moved_m"], np.rad2deg(cameras[worst]["turned_rad"])
-    return (
-        f"extrinsics refined from the people: keypoints are {about['before_px']:.2f} -> {about['after_px']:.2f} px off;"
-        f" {worst} changed most, by {moved_mm:.1f} mm and {turned_deg:.2f} deg"
-    )

@@ -349,5 +349,4 @@ def _check_steady(names: Sequence[str], fit: ClockFit, with_drift: bool) -> Chec
         f"{names[c]} runs {apart_s * 1e3:+.1f} ms later after {at_s:.0f} s than before (limit"
         f" {abs(apart_s) / ratio_ * 1e3:.1f})",
         remedy if with_drift else f"its clock runs at another rate: try `drift=True`; or {remedy}",
-        "record" if with_drift else "drift",
     )  # fmt: skip

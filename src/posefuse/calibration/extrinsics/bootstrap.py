@@ -16,7 +16,7 @@ import numpy as np
 from posefuse.calibration.clocks.start import STEP_S, EvenTrack, agreed_clocks
 from posefuse.calibration.geometry import Lenses, Poses, nearest_rotation, stacked
 from posefuse.calibration.targets.corners import CornerObservations
-from posefuse.calibration.targets.kinds import Target, in_a_plane, patch_corners, scale_m, sides
+from posefuse.calibration.targets.kinds import Markers, Target, in_a_plane, patch_corners, scale_m
 from posefuse.core import Camera
 from posefuse.core.arrays import Array
 
@@ -160,8 +160,6 @@ def _two_poses(flat: Array, norm: Array) -> list[tuple[Array, Array, float]]:
 _MARKER_ANGLE_RAD = np.deg2rad(8)
 _MARKER_DISTANCE = 0.35
 _AGREEING_MARKERS, _LEAST_SHARE = 4, 0.5
-# the sides of a board locate each other where they are seen together in so many time steps
-_LEAST_TOGETHER = 8
 
 
 @dataclass(frozen=True, eq=False)
@@ -170,7 +168,7 @@ class PropShape:
 
     Attributes:
         prop_from_patch: by index of the patch; those that are not on the prop are left out.
-        held: patches whose pose on the prop is held: the first one, and those that nothing links to it.
+        held: the patch whose pose on the prop is held.
     """
 
     prop_from_patch: dict[int, Poses]
@@ -178,24 +176,10 @@ class PropShape:
 
 
 def shape_of(target: Target, seen: Snapshots, views: PlanarViews) -> PropShape:
-    """Where the patches of a target sit on its prop: from the target file, else from images that show several of them."""
-    known = sides(target)
-    if known:
-        return known_shape(seen, {number: Poses.from_se3(pose) for number, pose in known.items()})
+    """Where the patches of a target sit on its prop: a board is one patch, markers are placed by images that show several."""
+    if not isinstance(target, Markers):
+        return PropShape({0: Poses(np.eye(3), np.zeros(3))}, (0,))
     return prop_shape(views, len(seen.patches), scale_m(target))
-
-
-def known_shape(seen: Snapshots, prop_from_patch: Mapping[int, Poses]) -> PropShape:
-    """A prop with the patch positions of the target file, such as the sides of a board; `prop_from_patch` by patch number.
-
-    Sides that cameras see at the same time step locate each other better than the glue does, so they may move; a side that is
-    never seen together with the first keeps its stated position.
-    """
-    placed = {i: prop_from_patch[int(number)] for i, number in enumerate(seen.patches)}
-    root, *others = placed
-    steps = {i: np.unique(seen.time_step[seen.patch == i]) for i in placed}
-    apart = [i for i in others if len(np.intersect1d(steps[i], steps[root])) < _LEAST_TOGETHER]
-    return PropShape(placed, (root, *apart))
 
 
 def prop_shape(views: PlanarViews, patch_count: int, side_m: float) -> PropShape:

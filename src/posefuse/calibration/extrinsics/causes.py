@@ -167,7 +167,7 @@ def _permuted(solved: Solved, free: Solved) -> Iterator[Freed]:
     names = [cameras[i].name for i in other]
     words = f"the names of {', '.join(names[:-1])} and {names[-1]} are swapped: each other's intrinsics fit"
     remedy = "name the videos, or the intrinsics, the other way round"
-    yield Freed(Check("cause", False, words, remedy, "input"), replace(solved, cameras=swapped).again(), 0)
+    yield Freed(Check("cause", False, words, remedy), replace(solved, cameras=swapped).again(), 0)
 
 
 def _bend(camera: Camera) -> Array:

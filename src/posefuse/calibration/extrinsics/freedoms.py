@@ -72,11 +72,9 @@ def check_clocks(
     ]  # fmt: skip
     worst = int(np.argmax(np.abs(late_s[:, 0])))
     fine = f"{cameras[worst].name} is off most, by {late_s[worst, 0] * 1e3:+.1f} ± {sigma_s[worst, 0] * 1e3:.1f} ms"
-    drifting = bool(off[:, 1].any())
     return Check(
         IN_STEP, not words, f"{', '.join(words) or fine} (limit {least[0] * 1e3:.0f} ms)",
-        f"the cameras are not synchronised: calibrate with `clocks={'drift' if drifting else 'offset'}`",
-        "drift" if drifting else "clocks",
+        f"the cameras are not synchronised: calibrate with `clocks={'drift' if off[:, 1].any() else 'offset'}`",
     )  # fmt: skip
 
 
@@ -216,7 +214,7 @@ def check_board_shape(share: float, sigma: float) -> Check:
         "board is as described", abs(share) <= max(LIMITS.stretch_share, LIMITS.lens_sigma * sigma),
         f"the board fits best as {share:+.2%} longer in one direction (standard error {sigma:.2%}, limit"
         f" {LIMITS.stretch_share:.0%})",
-        "print at 100 % in both directions, glue it to a flat plate, and measure it along both sides", "input",
+        "print at 100 % in both directions, glue it to a flat plate, and measure it along both sides",
     )  # fmt: skip
 
 

@@ -88,7 +88,6 @@ class Freedom:
         lens_of: cameras whose intrinsics move, None for all.
         moving: cameras whose poses and clocks move, instead of all but the reference.
         scale: camera and axis of the translation that is held where no corner has a size; None where corners set the scale.
-        calibrated: poses from which the cameras move by `pose_sigma` (6,) at a time, rad and m in their own axes; None: any.
     """
 
     reference: int | None
@@ -99,8 +98,6 @@ class Freedom:
     lens_of: tuple[int, ...] | None = None
     moving: tuple[int, ...] | None = None
     scale: tuple[int, int] | None = None
-    calibrated: Poses | None = None
-    pose_sigma: Array | None = None
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -166,11 +163,6 @@ class SolvedRig:
         share = np.where(there < _LEAST_JUDGED, 1.0, agree / np.maximum(there, 1))
         return np.asarray(share.reshape(count, parts))
 
-    @property
-    def start(self) -> tuple[Poses, Freedom]:
-        """Where another solve of the same cameras may begin: their poses, and what may move."""
-        return self.solution.state.cam_from_world, self.freedom
-
     def again(self, **freed: Any) -> Self:
         """Solved once more from here, with the fields `freed` of `Freedom` besides the poses of cameras and patches."""
         freedom, state = replace(self.freedom, **freed), self.solution.state
@@ -220,18 +212,10 @@ def solve_prop(
     with; the clock columns move them along their image velocity from there.
     """
     given = (seen, corners, cameras, start, freedom)
-    first = solve_once(*given, sigma_px=loss.rough_px, cauchy=loss.cauchy[0])
+    first = solve_bundle(_PropProblem(*given, sigma_px=loss.rough_px, cauchy=loss.cauchy[0]), start)
     sigma_px = first.spread_px(loss.rough_px, _LEAST_SIGMA_PX)
     second = solve_bundle(_PropProblem(*given, sigma_px=sigma_px, cauchy=loss.cauchy[1]), first.state)
     return _summary(second, sigma_px, freedom, seen)
-
-
-def solve_once(
-    seen: Snapshots, corners: Array, cameras: tuple[Camera, ...], start: PropState, freedom: Freedom, *, sigma_px: float,
-    cauchy: float,
-) -> Solution[PropState]:  # fmt: skip
-    """One robust solve, with noise of known size; `cauchy`: scale of the loss in its standard deviations."""
-    return solve_bundle(_PropProblem(seen, corners, cameras, start, freedom, sigma_px=sigma_px, cauchy=cauchy), start)
 
 
 def residuals_px(seen: Snapshots, corners: Array, cameras: tuple[Camera, ...], state: PropState) -> Array:
@@ -320,10 +304,7 @@ class _PropProblem(Problem[PropState]):
         return np.asarray((lenses.px(seen.camera, cam) - seen.xy_img - seen.velocity_px_s * late_s[:, None]) / self._sigma_px)
 
     def prior_cost(self, state: PropState) -> float:
-        cost = float((self._lens_prior * state.lens_delta**2).sum())
-        if self._freedom.calibrated is not None:
-            cost += float(((_motion_from(self._freedom.calibrated, state) / self._freedom.pose_sigma) ** 2).sum())
-        return cost
+        return float((self._lens_prior * state.lens_delta**2).sum())
 
     def step(self, state: PropState, blocks: list[Array], local: Array) -> PropState:
         camera, patch, clock, lens = blocks
@@ -358,22 +339,12 @@ class _PropProblem(Problem[PropState]):
         turned_world = world - state.world_from_prop.t[seen.time_step]
         turned_prop = prop - state.prop_from_patch.t[seen.patch]
         blocks = (
-            self._pose_block(state, _pose_jacobian(d_cam, turned_cam)),
+            ResidualBlock(_pose_jacobian(d_cam, turned_cam), seen.camera, len(state.cam_from_world)),
             ResidualBlock(_pose_jacobian(d_prop, turned_prop), seen.patch, len(state.prop_from_patch)),
             ResidualBlock(self._clock_jacobian(), seen.camera, len(state.cam_from_world)),
             self._lens_block(state, lenses, cam),
         )
         return Linearised(blocks, d_world if self._points else _pose_jacobian(d_world, turned_world), seen.time_step)
-
-    def _pose_block(self, state: PropState, jacobian: Array) -> ResidualBlock:
-        count, calibrated, sigma = len(state.cam_from_world), self._freedom.calibrated, self._freedom.pose_sigma
-        if calibrated is None or sigma is None:
-            return ResidualBlock(jacobian, self._seen.camera, count)
-        motion, slope = _motion_from(calibrated, state), np.tile(np.eye(6), (count, 1, 1))
-        # a turn about the origin of the world also shifts the camera
-        slope[:, 3:, :3] = hat(state.cam_from_world.t - motion[:, 3:])
-        prior = np.swapaxes(slope, 1, 2) / sigma**2 @ slope
-        return ResidualBlock(jacobian, self._seen.camera, count, prior, np.linalg.solve(slope, motion[..., None])[..., 0])
 
     def _clock_jacobian(self) -> Array:
         per_offset = -self._seen.velocity_px_s / self._sigma_px
@@ -393,11 +364,3 @@ class _PropProblem(Problem[PropState]):
 def _pose_jacobian(d_point: Array, turned: Array) -> Array:
     """(N, 2, 6) by a left rotation vector and a shift, given (N, 2, 3) by the point and the rotated point (N, 3)."""
     return np.concatenate([-d_point @ hat(turned), d_point], axis=2)
-
-
-def _motion_from(calibrated: Poses, state: PropState) -> Array:
-    """(C, 6) of the cameras from their calibrated poses, in their own axes: rotation vector of a small turn, and shift."""
-    moved = state.cam_from_world @ calibrated.inverse()
-    # the antisymmetric part of a small turn is its rotation vector
-    across = (moved.R - np.swapaxes(moved.R, 1, 2)) / 2
-    return np.concatenate([across[:, (2, 0, 1), (1, 2, 0)], moved.t], axis=1)

@@ -79,7 +79,7 @@ def check_videos_differ(names: Sequence[str], xy_img: Array, least: int, most_px
         if len(off) >= least and float(np.median(off)) < most_px:
             alike.append(f"{names[a]} and {names[b]}")
     detail = f"{', '.join(alike)} show the same video" if alike else "no two cameras show the same"
-    return Check("videos differ", not alike, detail, "give each camera its own video", "input")
+    return Check("videos differ", not alike, detail, "give each camera its own video")
 
 
 def check_sharp(observations: CornerObservations) -> Check:
@@ -161,7 +161,7 @@ def check_facing(solved: Solved) -> Check:
     return Check(
         "nothing is mirrored", share[worst] >= LIMITS.facing_share,
         f"{share[worst]:.0%} of {worst}'s views see the printed face (needed {LIMITS.facing_share:.0%})",
-        "the board is described mirrored, the image is flipped, or the markers are too small to show their slant", "input",
+        "the board is described mirrored, the image is flipped, or the markers are too small to show their slant",
     )  # fmt: skip
 
 
@@ -190,7 +190,7 @@ def check_upright(cameras: Sequence[Camera], up_cam: Array) -> Check:
     wrong = [camera.name for camera, value in zip(cameras, cosine, strict=True) if value < LIMITS.upside_down_cosine]
     return Check(
         "images are upright", not wrong, f"upside down: {', '.join(wrong)}" if wrong else "the top of every image is up",
-        "turn the image; for a camera that is mounted upside down, name it with `upside_down=CAMERA`", "upside down",
+        "turn the image; for a camera that is mounted upside down, name it with `upside_down=CAMERA`",
     )  # fmt: skip
 
 
@@ -221,7 +221,7 @@ def check_target_size(target: Target) -> Check:
     return Check(
         "target has a plausible size", least_m <= side_m <= most_m,
         f"{_edge(target)} {side_m * _MM:g} mm (expected {least_m * _MM:g} to {most_m * _MM:g} mm)",
-        f"check the unit: {UNITS}", "input",
+        f"check the unit: {UNITS}",
     )  # fmt: skip
 
 
@@ -235,7 +235,7 @@ def check_rig_size(task: RigTask, solved: Solved) -> Check:
         f"with a {_edge(target)} of {scale_m(target) * _MM:g} mm the target was {distance_m:.2f} m from the cameras, and"
         f" {cameras[a].name} and {cameras[b].name} are {apart_m:.2f} m apart"
         f" (expected a distance of {least_m:g} to {most_m:g} m)",
-        f"measure the print: {UNITS}; for a rig that really has this size add `any_size=True`", "input",
+        f"measure the print: {UNITS}; for a rig that really has this size add `any_size=True`",
     )  # fmt: skip
 
 

@@ -10,7 +10,7 @@ from posefuse.calibration.clocks.sync import ClockEstimate
 from posefuse.calibration.report import CalibrationReport, Check, RefusedCalibration
 from posefuse.calibration.targets.corners import CornerObservations
 from posefuse.calibration.targets.coverage import TargetCoverage, coverage
-from posefuse.calibration.targets.kinds import Markers, Target, check_one_end
+from posefuse.calibration.targets.kinds import Target, check_one_end
 from posefuse.core import SE3, CalibrationError, Camera, Rig
 from posefuse.core.arrays import Array
 
@@ -66,7 +66,7 @@ def calibrate_extrinsics(
     Args:
         observations: of all cameras; those without a view of the target make it fail by name.
         cameras: intrinsics (their poses are not used), any order.
-        target: loose markers on a rigid prop, a ChArUco board or an ArUco board.
+        target: loose markers on a rigid prop, or a ChArUco board.
         options: how to solve. world: how the world frame is set; without one, up is guessed from the cameras.
         upside_down: cameras that really hang upside down.
 
@@ -209,17 +209,15 @@ def world_checks(rig: Rig, has_floor: bool, upside_down: tuple[str, ...] = ()) -
         done.append(
             Check("cameras are above the floor", bool(height[worst] > 0),
                   f"the lowest is {rig.names[worst]} at {height[worst]:.2f} m",
-                  "the tile lies face down, is described mirrored or not on the floor, or x and y of the points are exchanged",
-                  "input"),
+                  "the tile lies face down, is described mirrored or not on the floor, or x and y of the points are exchanged"),
         )  # fmt: skip
     up_cam = np.stack([camera.cam_from_world.matrix()[:, 2] for camera in rig])
     up_cam = np.where(np.isin(rig.names, upside_down)[:, None], -up_cam, up_cam)
     return [*done, checks.check_upright(rig.cameras, up_cam)]
 
 
-def _notes(solved: Solved, target: Target) -> tuple[str, ...]:
-    named = "marker {}" if isinstance(target, Markers) else "side {} of the board"
-    notes = [f"{named.format(patch)} left out: {reason}" for patch, reason in sorted(solved.dropped.items())]
+def _notes(solved: Solved) -> tuple[str, ...]:
+    notes = [f"marker {patch} left out: {reason}" for patch, reason in sorted(solved.dropped.items())]
     share = float(solved.inlier.mean())
     if share < 1:
         notes.append(f"{1 - share:.1%} of the marker views disagree and count little")
@@ -247,7 +245,7 @@ def _calibration(attempt: _Attempt, solved: Solved, rule: WorldRule) -> Calibrat
     if failed:
         rig = replace(rig, refused=", ".join(failed))
     turn, clocks = new_from_old.matrix(), _clocks(task, solved)
-    notes = (*_notes(solved, task.target), *attempt.notes)
+    notes = (*_notes(solved), *attempt.notes)
     return Calibration(
         rig=rig,
         report=CalibrationReport("extrinsics", done, notes, _numbers(solved, rig, clocks)),

@@ -1,7 +1,7 @@
 """Where the cameras are, from one walking person alone: 2D keypoints, intrinsics, and one known length for the scale.
 
-A rough answer first (`person.start`), then one robust bundle adjustment over all cameras and keypoints. The same checks as
-for a prop stand between this and a rig.
+A rough answer first (`keypoint_solve.first_poses`), then one robust bundle adjustment over all cameras and keypoints. The same
+checks as for a prop stand between this and a rig.
 """
 
 from __future__ import annotations
@@ -290,7 +290,7 @@ def _check_steady(free: SolvedRig) -> Check:
         f"{free.cameras[c].name} runs {apart_s[c] * 1e3:+.1f} ms later in the second half than in the first"
         f" (limit {limit_s[c] * 1e3:.1f})",
         "its clock runs at another rate: try `clocks=drift`; or frames were lost, or come at no constant rate, without a note in"
-        " its file: use the part before or after", "drift",
+        " its file: use the part before or after",
     )  # fmt: skip
 
 

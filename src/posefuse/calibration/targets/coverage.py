@@ -2,16 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from pathlib import Path
 
 import cv2
 import numpy as np
 from scipy.sparse.csgraph import connected_components
 
 from posefuse.core.arrays import Array, freeze_fields
-from posefuse.foundation.output_file import atomic_file, keep_copy
 
 from .corners import CornerObservations
 
@@ -71,30 +68,6 @@ class TargetCoverage:
         )
 
 
-def coverage_sheet(found: TargetCoverage, sizes_wh: Sequence[tuple[int, int]], width_px: int = 480) -> Array:
-    """RGB image (H, W, 3) of all cameras, each with its name, in two columns; `width_px` is that of one camera."""
-    tiles = []
-    for name, cells, (width, height) in zip(found.cameras, found.cells, sizes_wh, strict=True):
-        tile = coverage_picture(cells, (width_px, round(width_px * height / width)))
-        cv2.putText(tile, name, (10, 28), cv2.FONT_HERSHEY_SIMPLEX, 0.8, (255, 255, 255), 2, cv2.LINE_AA)
-        tiles.append(tile)
-    tall = max(len(tile) for tile in tiles)
-    padded = [np.pad(tile, ((0, tall - len(tile)), (0, 0), (0, 0))) for tile in tiles]
-    if len(padded) % 2:
-        padded.append(np.zeros_like(padded[0]))
-    return np.concatenate([np.concatenate(padded[i : i + 2], axis=1) for i in range(0, len(padded), 2)])
-
-
-def write_coverage(path: Path, observations: CornerObservations) -> TargetCoverage:
-    """The coverage image: which part of each image the target has covered."""
-    found = coverage(observations)
-    _, png = cv2.imencode(".png", cv2.cvtColor(coverage_sheet(found, observations.sizes_wh), cv2.COLOR_RGB2BGR))
-    keep_copy(path)
-    with atomic_file(path) as temporary:
-        temporary.write_bytes(png.tobytes())
-    return found
-
-
 def cell_of(xy_img: Array, size_wh: Array | tuple[int, int]) -> Array:
     """(N, 2) column and row of the cell in which each point (N, 2) px lies, of one image size or of one each."""
     return np.clip(((xy_img + 0.5) / size_wh * CELLS_WH).astype(np.int64), 0, np.array(CELLS_WH) - 1)
@@ -120,19 +93,6 @@ def coverage_picture(cells: Array, size_wh: tuple[int, int], image: Array | None
     for i in range(1, cells.shape[0]):
         cv2.line(mixed, (0, i * height // cells.shape[0]), (width, i * height // cells.shape[0]), (255, 255, 255), 1)
     return np.asarray(mixed)
-
-
-def heat_map_image(values: Array, size_wh: tuple[int, int], full: float) -> Array:
-    """RGB image (H, W, 3) of values (rows, columns) over an image: green 0, red `full` and more, grey NaN."""
-    level = np.clip(np.nan_to_num(values) / full, 0, 1)[..., None]
-    colours = _COLOUR_FULL * (1 - level) + _COLOUR_LOW * level
-    colours = np.where(np.isnan(values)[..., None], 128, colours).astype(np.uint8)
-    picture = cv2.resize(colours, size_wh, interpolation=cv2.INTER_NEAREST)
-    rows, columns = values.shape
-    for row, column in np.argwhere(np.isfinite(values)):
-        at = (round((column + 0.15) * size_wh[0] / columns), round((row + 0.6) * size_wh[1] / rows))
-        cv2.putText(picture, f"{values[row, column]:.1f}", at, cv2.FONT_HERSHEY_SIMPLEX, size_wh[0] / 1600, (255, 255, 255), 1)
-    return np.asarray(picture)
 
 
 # before the first frame; times may be negative, and differences of two must not overflow

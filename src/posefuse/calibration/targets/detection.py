@@ -10,12 +10,11 @@ from typing import Any
 import cv2
 import numpy as np
 
-from posefuse.calibration.report import CheckKind
 from posefuse.core import Frame, Source
 from posefuse.core.arrays import Array
 
 from .corners import CornerObservations
-from .kinds import BOARD_PATCH, DICTIONARIES, Charuco, Chessboard, Markers, Target, black_modules, dictionary_of, sides
+from .kinds import BOARD_PATCH, DICTIONARIES, Charuco, Chessboard, Markers, Target, black_modules, dictionary_of
 from .pattern_fit import BoardFit, fit_marker
 
 # a step in focus is 2 to 4 px wide; one that is wider than this is out of focus, or moved during the exposure
@@ -151,29 +150,30 @@ def corners_from_frames(
     )
 
 
-def why_nothing(grey_images: Sequence[Array], target: Target, edge_width_px: float = 0.0) -> tuple[str, CheckKind]:
-    """The likely reason why a target was found in none of these images, in words, and what mends it: another recording or input.
+def why_nothing(grey_images: Sequence[Array], target: Target, edge_width_px: float = 0.0) -> str:
+    """The likely reason why a target was found in none of these images, in words.
 
     `edge_width_px`: usual width of moving edges in the whole recording, as `CornerObservations` has it.
     """
     if _found_in(grey_images, TargetDetector(target), lambda image: cv2.flip(image, 1)):
-        return "it is there when the image is mirrored: switch the mirror mode of the camera off", "record"
-    if wrong := _wrong_file(grey_images, target):
-        return wrong, "input"
+        return "it is there when the image is mirrored: switch the mirror mode of the camera off"
     if isinstance(target, Chessboard):
-        return "no chessboard is wholly inside the image: too small, blurred, cut off or without a white margin?", "record"
+        return (
+            f"no chessboard of {target.columns} x {target.rows} inner corners is wholly inside the image: too small, blurred, cut"
+            " off, without a white margin, or has it another number of inner corners?"
+        )
+    if wrong := _wrong_file(grey_images, target):
+        return wrong
     width_px = float(np.nanmax([edge_width_px, usual_edge_width_px(grey_images)]))
     if width_px > BLURRED_EDGE_PX:
-        return f"the images are blurred, edges are {width_px:.0f} px wide: focus, shorten the exposure, add light", "record"
-    return "no marker of any known dictionary is there: too small, blurred, cut off or badly lit?", "record"
+        return f"the images are blurred, edges are {width_px:.0f} px wide: focus, shorten the exposure, add light"
+    return "no marker of any known dictionary is there: too small, blurred, cut off or badly lit?"
 
 
-def _wrong_file(grey_images: Sequence[Array], target: Target) -> str:
+def _wrong_file(grey_images: Sequence[Array], target: Markers | Charuco) -> str:
     """What the target file states that is not in the images, which show a target; empty where they show none."""
     if _found_in(grey_images, TargetDetector(target), lambda image: 255 - image):
         return "it is there with colours exchanged: set or clear `inverted`"
-    if isinstance(target, Chessboard):
-        return other_chessboard(grey_images, target)
     if isinstance(target, Charuco):
         turned = replace(target, columns=target.rows, rows=target.columns)
         if _found_in(grey_images, TargetDetector(turned), None):
@@ -200,23 +200,6 @@ def _other_ids(ids: list[int], target: Target) -> str:
 
 def _found_in(grey_images: Sequence[Array], detector: TargetDetector, change: Callable[[Array], Array] | None) -> bool:
     return any(len(detector.detect(change(image) if change else image).xy_img) for image in grey_images)
-
-
-def other_chessboard(grey_images: Sequence[Array], target: Chessboard, *, larger: bool = False) -> str:
-    """The size of a chessboard in these images that the target file states otherwise, in words; empty where there is none.
-
-    `larger`: of those of which the target may be a part.
-    """
-    sizes = [(c, r) for c in range(3, 13) for r in range(3, c + 1) if {c, r} != {target.columns, target.rows}]
-    if larger:
-        sizes = [(c, r) for c, r in sizes if c * r > target.columns * target.rows]
-    for size in sorted(sizes, key=lambda size: -size[0] * size[1]):
-        if any(cv2.findChessboardCorners(image, size, flags=cv2.CALIB_CB_FAST_CHECK)[0] for image in grey_images[:3]):
-            columns, rows = sorted(size, reverse=target.columns >= target.rows)
-            return (
-                f"a board of {columns} x {rows} inner corners is there, the target file states {target.columns} x {target.rows}"
-            )
-    return ""
 
 
 def _ids_in(grey_images: Sequence[Array], dictionary: str) -> list[int]:
@@ -282,30 +265,18 @@ def _marker_finder(target: Markers) -> Callable[[Array], Corners]:
 
 
 def _charuco_finder(target: Charuco) -> Callable[[Array], Corners]:
-    found_by = {side: (cv2.aruco.CharucoDetector(target.board(side)), BoardFit(target, side)) for side in sides(target)}
-
-    def find(grey: Array) -> Corners:
-        return _joined([_charuco_side(grey, detector, fit, side) for side, (detector, fit) in found_by.items()])
-
-    return find
+    detector, fit = cv2.aruco.CharucoDetector(target.board()), BoardFit(target)
+    return lambda grey: _charuco(grey, detector, fit)
 
 
-def _charuco_side(grey: Array, detector: Any, fit: BoardFit, side: int) -> Corners:
+def _charuco(grey: Array, detector: Any, fit: BoardFit) -> Corners:
     read, ids, _, _ = detector.detectBoard(grey)
     ids, xy = _or_empty(ids).ravel().astype(np.int64), np.asarray(_or_empty(read), np.float64).reshape(-1, 2)
     if len(ids) >= _MIN_CHARUCO_CORNERS:
         xy = fit.refined(grey, ids, xy)
         ids, xy = ids[np.isfinite(xy[:, 0])], xy[np.isfinite(xy[:, 0])]
     kept = len(ids) if len(ids) >= _MIN_CHARUCO_CORNERS else 0
-    return Corners(np.full(kept, side), ids[:kept], xy[:kept])
-
-
-def _joined(parts: list[Corners]) -> Corners:
-    return Corners(
-        patch=np.concatenate([part.patch for part in parts]),
-        corner=np.concatenate([part.corner for part in parts]),
-        xy_img=np.concatenate([part.xy_img for part in parts]),
-    )
+    return Corners(np.full(kept, BOARD_PATCH), ids[:kept], xy[:kept])
 
 
 def _chessboard(grey: Array, target: Chessboard) -> Corners:

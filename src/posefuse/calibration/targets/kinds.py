@@ -1,8 +1,7 @@
 """Calibration targets: markers and boards, the positions of their corners, and target files.
 
 A target is made of patches, each a rigid flat piece with numbered corners. Loose square markers are one patch each,
-named by their id, and where they sit on the prop is unknown; a board is a patch of known geometry, number 0, and where it is
-printed on both sides, its back is patch 1, with the marker ids that follow those of the front.
+named by their id, and where they sit on the prop is unknown; a board is a patch of known geometry, number 0.
 Patch axes: x right, y up, z out of the printed face, metres.
 """
 
@@ -18,14 +17,14 @@ import cv2
 import numpy as np
 
 from posefuse.calibration.settings import TargetDescription, TargetKind
-from posefuse.core import SE3, CalibrationError, ConfigError, PosefuseError
+from posefuse.core import CalibrationError, ConfigError, PosefuseError
 from posefuse.core.arrays import Array
 from posefuse.core.errors import choices
 from posefuse.foundation.output_file import keep_copy, write_text
 from posefuse.foundation.settings import read_mapping, read_settings
 
 DICTIONARIES = tuple(sorted(name for name in vars(cv2.aruco) if name.startswith("DICT_") and name == name.upper()))
-BOARD_PATCH, BACK_PATCH = 0, 1
+BOARD_PATCH = 0
 # corners of a marker of side 1: top left, top right, bottom right, bottom left
 _MARKER = np.array([[-0.5, 0.5, 0], [0.5, 0.5, 0], [0.5, -0.5, 0], [-0.5, -0.5, 0]])
 
@@ -101,7 +100,6 @@ class Charuco:
         columns, rows: squares across and down.
         square_m, marker_m: edges of a square and of a marker.
         inverted: colours exchanged. legacy: OpenCV's layout before version 4.6 (matters for an even number of rows).
-        thickness_m: distance of the prints of a board that is printed on both sides, tops together; None has one side.
     """
 
     columns: int
@@ -111,7 +109,6 @@ class Charuco:
     dictionary: str = "DICT_4X4_50"
     inverted: bool = False
     legacy: bool = False
-    thickness_m: float | None = None
 
     def __post_init__(self) -> None:
         _check_positive("charuco", square_m=self.square_m, marker_m=self.marker_m)
@@ -119,30 +116,16 @@ class Charuco:
         if self.marker_m >= self.square_m:
             square_mm, marker_mm = round(self.square_m * 1e3, 6), round(self.marker_m * 1e3, 6)
             raise ConfigError(f"charuco: marker of {marker_mm:g} mm: expected less than the square of {square_mm:g} mm around it")
-        sides = 1
-        if self.thickness_m is not None:
-            _check_positive("charuco", thickness_m=self.thickness_m)
-            sides = 2
-        _check_ids("charuco", self.dictionary, (0, sides * self.markers - 1))
-
-    @property
-    def markers(self) -> int:
-        """Markers on one side."""
-        return self.columns * self.rows // 2
-
-    @property
-    def width_m(self) -> float:
-        """Distance along x of the origins of the front and of the back."""
-        return self.columns * self.square_m
+        _check_ids("charuco", self.dictionary, (0, self.columns * self.rows // 2 - 1))
 
     def corners(self, patch: int) -> Array:
         """((columns-1)*(rows-1), 3) inner corners, row by row from the top left; the origin is the bottom left of the board."""
         return np.asarray(_grid(self.columns - 1, self.rows - 1, self.square_m) + np.array([self.square_m, self.square_m, 0]))
 
-    def board(self, patch: int = BOARD_PATCH) -> Any:
-        """OpenCV's description of one side of the same board."""
-        size, ids = (self.columns, self.rows), np.arange(self.markers) + patch * self.markers
-        made = cv2.aruco.CharucoBoard(size, self.square_m, self.marker_m, dictionary_of(self.dictionary), ids)
+    def board(self) -> Any:
+        """OpenCV's description of the same board."""
+        size = self.columns, self.rows
+        made = cv2.aruco.CharucoBoard(size, self.square_m, self.marker_m, dictionary_of(self.dictionary))
         made.setLegacyPattern(self.legacy)
         return made
 
@@ -184,17 +167,6 @@ def _check_count(owner: str, least: int, **counts: int) -> None:
     for name, count in counts.items():
         if count < least:
             raise ConfigError(f"{owner}: {name}: expected at least {least}, got {count}")
-
-
-def sides(target: Target) -> dict[int, SE3]:
-    """front_from_side of each side of a board; of loose markers none, since their places are unknown."""
-    if isinstance(target, Markers):
-        return {}
-    front = {BOARD_PATCH: SE3.identity()}
-    if isinstance(target, Chessboard) or target.thickness_m is None:
-        return front
-    turned = SE3.from_matrix(np.diag([-1.0, 1.0, -1.0]), np.array([target.width_m, 0.0, -target.thickness_m]))
-    return front | {BACK_PATCH: turned}
 
 
 def scale_m(target: Target) -> float:
@@ -261,14 +233,14 @@ def described_target(said: TargetDescription, missing: Callable[[list[str]], Pos
     absent = [_stated(field.name) for field in fields(kind) if field.default is MISSING and stated[field.name] is None]
     if absent:
         raise missing(absent)
-    return kind(**{name: value / _MM if value is not None and name.endswith("_m") else value for name, value in stated.items()})
+    return kind(**{name: value / _MM if name.endswith("_m") else value for name, value in stated.items()})
 
 
 def description_of(target: Target) -> TargetDescription:
     """The other way round."""
     kind = next(name for name, one in _KINDS.items() if isinstance(target, one))
-    values = {field.name: getattr(target, field.name) for field in fields(target)}
-    said: dict[str, Any] = {_stated(name): _mm(value) if name.endswith("_m") else value for name, value in values.items()}
+    values: dict[str, Any] = {field.name: getattr(target, field.name) for field in fields(target)}
+    said = {_stated(name): round(one * _MM, 6) if name.endswith("_m") else one for name, one in values.items()}
     return TargetDescription(kind=kind, **said)
 
 
@@ -307,7 +279,3 @@ def write_target(path: Path, target: Target) -> Path:
     keep_copy(path)
     write_text(path, "\n".join(lines) + "\n")
     return path
-
-
-def _mm(metres: float | None) -> float | None:
-    return None if metres is None else round(metres * _MM, 6)

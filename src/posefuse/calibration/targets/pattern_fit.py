@@ -295,10 +295,10 @@ _STOP = (cv2.TERM_CRITERIA_EPS + cv2.TERM_CRITERIA_MAX_ITER, 30, 1e-4)
 
 
 class BoardFit:
-    """One side of a board, laid over images."""
+    """A board, laid over images."""
 
-    def __init__(self, target: Charuco, side: int) -> None:
-        self._board, self._columns = target.board(side), target.columns
+    def __init__(self, target: Charuco) -> None:
+        self._board, self._columns = target.board(), target.columns
         self._most_px = min(_SQUARE_PX, _MOST_PX // max(target.columns, target.rows))
         # with a square of white around it; by the px of a square
         self._pictures: dict[int, Array] = {}
@@ -341,7 +341,7 @@ class BoardFit:
         )
 
     def _picture(self, square_px: float) -> tuple[Array, int]:
-        """The printed side, a little finer than the image, and the px of its squares."""
+        """The print, a little finer than the image, and the px of its squares."""
         # few sizes are kept
         px = min(self._most_px, 2 ** int(np.ceil(np.log2(_PICTURE_FINER * square_px))))
         if px not in self._pictures:

@@ -15,7 +15,7 @@ from posefuse.calibration.settings import PAGES_M
 from posefuse.core import ConfigError
 from posefuse.core.arrays import Array
 
-from .kinds import BACK_PATCH, Charuco, Markers, black_modules, dictionary_of, sides
+from .kinds import Charuco, Markers, black_modules, dictionary_of
 
 _POINTS_PER_M = 72 / 0.0254
 _MARGIN_M = 0.010
@@ -53,19 +53,15 @@ def marker_sheets(target: Markers, ids: Sequence[int], page: str = "a4") -> list
     return sheets
 
 
-def board_sheets(target: Charuco, page: str = "a3") -> list[Sheet]:
-    """A board on one page per side, long side along the long side of the page."""
-    return [_charuco_sheet(target, page, side) for side in sides(target)]
-
-
-def _charuco_sheet(target: Charuco, page: str, side: int) -> Sheet:
+def board_sheet(target: Charuco, page: str = "a3") -> Sheet:
+    """A board on one page, long side along the long side of the page."""
     width, height = target.columns * target.square_m, target.rows * target.square_m
     size, (left, bottom) = _placed(page, width, height)
     # OpenCV draws the board itself: what is printed is what is looked for. It rounds markers to whole px, so it draws them with a
     # border of one module, and px are as wide as they have to be
     modules, px = len(_bits(target.dictionary, 0)), 8
     cell, border_m = px * (modules + 2), (target.square_m - target.marker_m) / 2
-    board = replace(target, marker_m=target.square_m * modules / (modules + 2)).board(side)
+    board = replace(target, marker_m=target.square_m * modules / (modules + 2)).board()
     image = board.generateImage((target.columns * cell, target.rows * cell), marginSize=0, borderBits=1)
     if target.inverted:
         image = 255 - image
@@ -75,10 +71,9 @@ def _charuco_sheet(target: Charuco, page: str, side: int) -> Sheet:
         corners_m = (0, border_m, target.square_m - border_m, target.square_m)
         return at * target.square_m + np.interp(in_square, (0, px, cell - px, cell), corners_m)
 
-    which = ", the back: its top behind the top of the front" if side == BACK_PATCH else ""
     caption = (
         f"posefuse ChArUco {target.columns} x {target.rows} squares of {target.square_m * 1e3:g} mm, markers"
-        f" {target.marker_m * 1e3:g} mm, {target.dictionary}{which}"
+        f" {target.marker_m * 1e3:g} mm, {target.dictionary}"
     )
     return Sheet(size, _rectangles(image < 128, left + edges_m(target.columns), bottom + edges_m(target.rows)), (), caption)
 

@@ -8,15 +8,15 @@ from pathlib import Path
 
 import cv2
 
-from posefuse.calibration.report import CalibrationReport, Check, CheckKind, RefusedCalibration
+from posefuse.calibration.report import CalibrationReport, Check, RefusedCalibration
 from posefuse.core import InputError, Progress, Source, silent
 from posefuse.core.errors import choices
 from posefuse.formats.kept_video import VIDEOS_FOLDER
 from posefuse.sources import IMAGE_SUFFIXES, VIDEO_SUFFIXES, ImagesConfig, RecordedSource, VideoConfig
 
 from .corners import CornerObservations, joined
-from .detection import detect_corners, other_chessboard, why_nothing
-from .kinds import LEAST_VIEWS, Chessboard, Target
+from .detection import detect_corners, why_nothing
+from .kinds import Target
 
 Inputs = Mapping[str, str | Path] | Sequence[str | Path] | str | Path
 """Recordings by camera name, or paths, whose file names without suffix are the cameras' names, or texts ``NAME=PATH``; a folder
@@ -102,21 +102,10 @@ def require_target_seen(observations: CornerObservations, sources: Sequence[Sour
 
 
 def seen_or_why_not(observations: CornerObservations, source: Source, target: Target) -> CornerObservations:
-    """The observations of one camera; raises RefusedCalibration with the likely reason where there are none.
-
-    A chessboard is found in a few frames, too, where the file states less than all of its corners.
-    """
-    views = len(observations.view_starts())
-    if views >= LEAST_VIEWS or (views and not isinstance(target, Chessboard)):
+    """The observations of one camera; raises RefusedCalibration with the likely reason where there are none."""
+    if len(observations):
         return observations
     frames = [cv2.cvtColor(frame.image, cv2.COLOR_RGB2GRAY) for frame in itertools.islice(source.frames(), 12)]
-    reason: str
-    kind: CheckKind
-    if views and isinstance(target, Chessboard):
-        reason, kind = other_chessboard(frames, target, larger=True), "input"
-    else:
-        reason, kind = why_nothing(frames, target, dict(observations.edge_width_px).get(source.camera, 0.0))
-    if not reason:
-        return observations
-    detail = f"the target is in {views or 'none'} of {observations.frame_count[0]} frames: {reason}"
-    raise RefusedCalibration(CalibrationReport(f"camera {source.camera}", (Check("target seen", False, detail, kind=kind),)))
+    reason = why_nothing(frames, target, dict(observations.edge_width_px).get(source.camera, 0.0))
+    detail = f"the target is in none of {observations.frame_count[0]} frames: {reason}"
+    raise RefusedCalibration(CalibrationReport(f"camera {source.camera}", (Check("target seen", False, detail),)))

@@ -359,7 +359,7 @@ def lights_card(known: Known) -> None:
 
 
 def show_step(step: Step, known: Known) -> None:
-    """What rests on a step and what it has given: checks that fail first, each with cause, remedy and an image."""
+    """What rests on a step and what it has given: checks that fail first, each with cause and remedy."""
     small(_RESTS[step])
     state = known[step]
     result = state.result
@@ -375,11 +375,7 @@ def show_step(step: Step, known: Known) -> None:
                 with ui.row().classes("items-start gap-2 no-wrap"):
                     ui.icon("build").classes("text-primary")
                     ui.label(check.remedy).classes("font-medium")
-            named = named_cameras(f"{subject} {check.detail}", tuple(result.pictures))
-            with ui.element("div").classes("pf-grid"):
-                for camera in named:
-                    image = ui.image(file_address(result.pictures[camera])).classes("pf-refused").props("no-spinner fit=contain")
-                    image.props["alt"] = f"what {camera} saw, with the target as it was found"
+            named = named_cameras(f"{subject} {check.detail}", known.cameras)
             if not named and state.seen is not None and state.seen.together:
                 _graph(state.seen.cameras, state.seen.together)
     for numbers in (report.numbers for report in result.reports):
