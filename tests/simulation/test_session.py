@@ -212,17 +212,17 @@ def test_the_estimate_of_the_size_is_near_what_is_written(demo_session):
 
 def test_a_session_holds_the_motion_it_was_made_from(tmp_path):
     """Relative files count from the scene file, and the session can be moved."""
-    (tmp_path / "walk.bvh").write_text("HIERARCHY")
-    person = {"motion": {"kind": "bvh", "file": "walk.bvh"}}
+    (tmp_path / "walk.trc").write_text("PathFileType")
+    person = {"motion": {"kind": "trc", "file": "walk.trc"}}
     (tmp_path / "scene.yaml").write_text(yaml.safe_dump({**_CONTENT, "people": [person, person]}))
     read = read_scene(tmp_path / "scene.yaml")
-    assert read.people[0].motion.file == str(tmp_path / "walk.bvh")
+    assert read.people[0].motion.file == str(tmp_path / "walk.trc")
     (tmp_path / "session").mkdir()
     sessions._begin(sessions.SessionPaths(tmp_path / "session"), read)
     (tmp_path / "session").rename(tmp_path / "moved")
-    (tmp_path / "walk.bvh").unlink()
+    (tmp_path / "walk.trc").unlink()
     again = read_scene(tmp_path / "moved" / "scene.yaml")
-    assert Path(again.people[1].motion.file).read_text() == "HIERARCHY"
+    assert Path(again.people[1].motion.file).read_text() == "PathFileType"
 
 
 def test_image_folders_are_read_with_their_times(tmp_path, backend):

@@ -18,7 +18,7 @@ from .body import SimulatedBody, build_body
 from .cameras import PlacedCamera, placed_cameras, rig_from_cameras
 from .motion.gait import walking
 from .motion.posture import BodyPosture, bones_of
-from .motion.recorded import from_result, from_trc, retargeted
+from .motion.recorded import from_result, from_trc
 from .motion.routes import route
 from .motion.settings import MotionSettings, StandSettings, WalkSettings
 from .motion.standing import standing_motion
@@ -238,7 +238,7 @@ def _point(values: Array) -> str:
     return "(" + ", ".join(f"{round(float(value), 2) + 0.0:.2f}" for value in values) + ")"
 
 
-_READERS = {"bvh": retargeted, "trc": from_trc, "result": from_result}
+_READERS = {"trc": from_trc, "result": from_result}
 
 
 @dataclass(frozen=True, eq=False)

@@ -123,24 +123,20 @@ class WalkSettings:
 
 @settings
 class RecordedSettings:
-    """Motion from a file: a BVH file, the markers or keypoints of a TRC file, or a recorded posefuse result (Real2Sim).
+    """Motion from a file: the markers or keypoints of a TRC file, or a recorded posefuse result (Real2Sim).
 
     Attributes:
-        kind: ``bvh``: joints by CMU, Mixamo or common names. ``trc``: by the markers that `points` names. ``result``: a folder.
+        kind: ``trc``: by markers with the names of our keypoints, or OpenPose's. ``result``: a folder.
         file: the file or folder. up: the vertical axis of a TRC file. person: which id of a result; None: the one seen longest.
-        position_m: where the pelvis is at the start; None keeps the place of a TRC file or result, and is the origin for a BVH
-            file.
-        heading_deg: where a BVH file's pelvis faces at its start; None keeps the file's own heading (+Z of the file, Y up, is
-            world +X).
+        position_m: where the pelvis is at the start; None keeps the place of the file or result.
         start_s: the file's time shown at time 0. loop: start again at the end; otherwise the last pose stays.
     """
 
-    kind: Literal["bvh", "trc", "result"]
+    kind: Literal["trc", "result"]
     file: str
     up: Literal["y", "z"] = "y"
     person: int | None = None
     position_m: Place | None = None
-    heading_deg: float | None = None
     start_s: Annotated[float, Ge(0)] = 0.0
     loop: bool = False
 
@@ -156,7 +152,6 @@ _OWN = {
     "overhead": ("period_s",),
     "sit": ("period_s",),
     "turn": ("period_s",),
-    "bvh": ("heading_deg",),
     "trc": ("up",),
     "result": ("person",),
 }
