@@ -284,7 +284,7 @@ def build_person(body: SimulatedBody, motion: MotionSettings, seed: int) -> Movi
     """Put a motion into a body; the same seed gives the same bytes.
 
     Raises:
-        ConfigError: a path that cannot be walked, or that a hand cannot reach. InputError: a motion file that cannot be used.
+        ConfigError: a path that cannot be walked. InputError: a motion file that cannot be used.
     """
     if isinstance(motion, StandSettings):
         return MovingPerson(body, standing_motion(body, motion, seed))
