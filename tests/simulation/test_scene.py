@@ -73,10 +73,6 @@ def _moved(motion: str) -> str:
             "duration_s: 1\ncameras: {kind: list, cameras: [&a {name: a, position_m: [1, 0, 2]}, *a]}",
             "name: used twice: a",
         ),
-        (
-            f"{_TOP}props: [{{kind: aruco_cube, path: {{kind: carried, person: 2}}}}]",
-            r"props: cube: path\.person: no person 2; there are: none",
-        ),
         ("[1, 2]", "expected keys with values at the top, got list"),
         # settings of another kind of motion
         (
