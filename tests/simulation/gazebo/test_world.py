@@ -152,16 +152,6 @@ def test_the_bridge_brings_clock_images_and_camera_info(written):
     assert missing.returncode == 1 and "gz: not found" in missing.stderr
 
 
-def test_fortress_has_names_of_its_own(scene, tmp_path, libsdformat):
-    scene = replace(scene, people=(), props=())
-    for release, prefix in (("fortress", "ignition"), ("harmonic", "gz"), ("jetty", "gz")):
-        world = export_world(scene, tmp_path / release, release=release)
-        text = (world.folder / "world.sdf").read_text()
-        assert f'name="{prefix}::' in text and f'filename="{prefix}-' in text
-        assert f"{prefix}.msgs.Image" in (world.folder / "bridge.yaml").read_text()
-        assert libsdformat(world.folder / "world.sdf") is not None
-
-
 def test_a_prop_called_floor_is_not_the_floor(scene, tmp_path):
     [tile] = [prop for prop in scene.props if isinstance(prop, GroundTile)]
     scene = replace(scene, people=(), props=(replace(tile, name="floor"),))
@@ -172,8 +162,6 @@ def test_a_prop_called_floor_is_not_the_floor(scene, tmp_path):
 
 def test_what_cannot_be_is_refused_in_one_line(scene, tmp_path):
     scene = replace(scene, people=(), props=())
-    with pytest.raises(ConfigError, match="no release 'classic'; there are: fortress, harmonic"):
-        export_world(scene, tmp_path / "a", release="classic")
     refusal(ConfigError, r"duration_s: expected .* got 1200 s", export_world, replace(scene, duration_s=1200), tmp_path / "a")
     (tmp_path / "mine").mkdir()
     (tmp_path / "mine" / "notes.txt").write_text("precious")

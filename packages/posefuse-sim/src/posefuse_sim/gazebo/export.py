@@ -14,7 +14,6 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
-from string import Template
 from typing import Any
 
 import numpy as np
@@ -39,7 +38,7 @@ from posefuse_sim.scene import Scene, motion_files, write_scene
 
 from .animation import person_actor, prop_actor, prop_mesh
 from .collada import write_collada
-from .world import MESHES, Release, image_topic, mesh_file, picture_file, release_named, room_parts, world_text
+from .world import MESHES, image_topic, mesh_file, picture_file, room_parts, world_text
 
 _COMMAND = "simulate --gazebo"
 _EXECUTABLE = 0o755
@@ -56,7 +55,7 @@ class GazeboWorld:
 
     Attributes:
         folder: where. rig: the cameras. people: number of actors that are persons. loop_s: when the motion starts again.
-        left_out: what of the scene Gazebo cannot show, in words. release: of Gazebo that it is for.
+        left_out: what of the scene Gazebo cannot show, in words.
     """
 
     folder: Path
@@ -64,7 +63,6 @@ class GazeboWorld:
     people: int
     loop_s: float
     left_out: tuple[str, ...]
-    release: str = "harmonic"
 
     @property
     def figures(self) -> dict[str, Any]:
@@ -81,7 +79,6 @@ class GazeboWorld:
     def summary(self) -> list[Block]:
         """What was written and what was left out, for people."""
         facts = {
-            "for": self.release,
             "cameras": ", ".join(self.rig.names),
             "people": self.people,
             "motion": f"{self.loop_s:g} s, again and again",
@@ -91,24 +88,16 @@ class GazeboWorld:
         return [*(Note(line, warning=True) for line in self.left_out), Heading("Gazebo world"), Facts(facts)]
 
 
-def export_world(
-    scene: Scene,
-    out: Path,
-    *,
-    release: str = "harmonic",
-    replace_older: bool = False,
-) -> GazeboWorld:
+def export_world(scene: Scene, out: Path, *, replace_older: bool = False) -> GazeboWorld:
     """Write a scene as a Gazebo world into the folder `out`.
 
     Args:
-        release: of Gazebo: ``fortress``, ``harmonic`` or ``jetty``: the names of plug-ins differ.
         replace_older: an earlier world that posefuse wrote and that is unchanged is replaced.
 
     Raises:
         ConfigError: the scene cannot be, or not in Gazebo. InputError: `out` holds anything else or cannot be written.
         DependencyError: the extra ``sim`` is missing.
     """
-    names = release_named(release)
     shown, left_out = shown_scene(scene)
     per_frame = int(np.ceil(_TRUTH_HZ / shown.rate_hz))
     live = live_scene(replace(shown, rate_hz=shown.rate_hz * per_frame))
@@ -118,9 +107,9 @@ def export_world(
         (folder / MESHES).mkdir()
         actors = _actors(live, shown.rate_hz, folder)
         models = _still_models(live, folder)
-        _write(folder, "world.sdf", world_text(names, live, models=models, actors=actors, cameras=drawn))
-        _write(folder, "bridge.yaml", bridge_text(names, live.rig.names))
-        _write(folder, "launch.sh", _LAUNCH.substitute(program=names.command.split()[0], command=names.command))
+        _write(folder, "world.sdf", world_text(live, models=models, actors=actors, cameras=drawn))
+        _write(folder, "bridge.yaml", bridge_text(live.rig.names))
+        _write(folder, "launch.sh", _LAUNCH)
         (folder / "launch.sh").chmod(_EXECUTABLE)
         write_scene(shown, folder)
         write_rig(folder / "rig.toml", live.rig)
@@ -131,7 +120,6 @@ def export_world(
         people=len(live.people),
         loop_s=shown.duration_s,
         left_out=tuple(left_out),
-        release=release,
     )
 
 
@@ -214,30 +202,30 @@ def _set(sensor: SensorSettings, kept: SensorSettings) -> list[str]:
     return [name for name, value in vars(sensor).items() if name not in silent and value != getattr(kept, name)]
 
 
-_LAUNCH = Template("""\
+_LAUNCH = """\
 #!/bin/sh
 # Starts Gazebo with this world, and the bridge that brings its images and its clock to ROS 2. Ctrl-C ends both.
 #   ./launch.sh              with Gazebo's window
 #   ./launch.sh --headless   without a screen
-cd "$$(dirname "$$0")" || exit 1
-case "$$1" in
+cd "$(dirname "$0")" || exit 1
+case "$1" in
   "") shown="" ;;
   --headless) shown="-s --headless-rendering" ;;
-  *) echo "usage: $$0 [--headless]" >&2; exit 2 ;;
+  *) echo "usage: $0 [--headless]" >&2; exit 2 ;;
 esac
-for program in ${program} ros2; do
-  command -v "$$program" >/dev/null || { echo "$$program: not found; see docs/gazebo.md of posefuse" >&2; exit 1; }
+for program in gz ros2; do
+  command -v "$program" >/dev/null || { echo "$program: not found; see docs/gazebo.md of posefuse" >&2; exit 1; }
 done
 # shellcheck disable=SC2086
-${command} -r $$shown world.sdf &
-simulator=$$!
-trap 'kill $$simulator 2>/dev/null' EXIT
+gz sim -r $shown world.sdf &
+simulator=$!
+trap 'kill $simulator 2>/dev/null' EXIT
 trap 'exit 130' INT TERM
-ros2 run ros_gz_bridge parameter_bridge --ros-args -p config_file:="$$PWD/bridge.yaml"
-""")
+ros2 run ros_gz_bridge parameter_bridge --ros-args -p config_file:="$PWD/bridge.yaml"
+"""
 
 
-def bridge_text(release: Release, cameras: Sequence[str]) -> str:
+def bridge_text(cameras: Sequence[str]) -> str:
     """The configuration of `ros_gz_bridge`: clock, images and CameraInfo, from Gazebo to ROS only."""
     topics = [("/clock", "rosgraph_msgs/msg/Clock", "Clock")]
     for name in cameras:
@@ -248,7 +236,7 @@ def bridge_text(release: Release, cameras: Sequence[str]) -> str:
             "ros_topic_name": topic,
             "gz_topic_name": topic,
             "ros_type_name": ros_type,
-            "gz_type_name": release.message.format(message),
+            "gz_type_name": f"gz.msgs.{message}",
             "direction": "GZ_TO_ROS",
         }
         for topic, ros_type, message in topics

@@ -13,15 +13,13 @@ is exported as an ideal camera wide enough for all that the lens sees (`core.ide
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
 from typing import Any
 from xml.etree import ElementTree
 
 import numpy as np
 
-from posefuse.core import SE3, Camera, ConfigError
+from posefuse.core import SE3, Camera
 from posefuse.core.arrays import Array
-from posefuse.core.errors import choices
 from posefuse.foundation.parsing import ros_name
 from posefuse_sim.build import LiveScene
 from posefuse_sim.cameras import SensorSettings
@@ -58,7 +56,6 @@ def image_topic(camera: str) -> str:
 
 
 def world_text(
-    release: Release,
     live: LiveScene,
     *,
     models: Sequence[tuple[str, SE3]],
@@ -74,7 +71,7 @@ def world_text(
     children = [
         # nothing falls or collides: time passes as fast as images are drawn, at most as fast as the clock
         ("physics", {"@name": "steps", "@type": "ignored", "max_step_size": _numbers(_STEP_S), "real_time_factor": "1"}),
-        *(("plugin", _plugin(release, *system)) for system in _SYSTEMS),
+        *(("plugin", _plugin(*system)) for system in _SYSTEMS),
         *_lights(live.scene.room, lamp_height_m(live.scene.room, live.room_size_m)),
         *(("model", _still(name, pose)) for name, pose in models),
         *(("model", _box(f"occluder{i}", box)) for i, box in enumerate(live.boxes)),
@@ -105,9 +102,9 @@ def _fill(element: ElementTree.Element, content: Content) -> None:
             _fill(ElementTree.SubElement(element, tag), part)
 
 
-def _plugin(release: Release, system: str, name: str) -> Content:
+def _plugin(system: str, name: str) -> Content:
     engine = {"render_engine": "ogre2"} if name == "Sensors" else {}
-    return {"@filename": release.plugin.format(system), "@name": release.system.format(name), **engine}
+    return {"@filename": f"gz-sim-{system}-system", "@name": f"gz::sim::systems::{name}", **engine}
 
 
 def _lights(room: RoomSettings, lamp_m: float) -> list[tuple[str, Content]]:
@@ -194,39 +191,6 @@ def _grey(level: float) -> str:
 def _numbers(values: float | Sequence[float] | Array) -> str:
     # what is read back is the same to the last nanometre
     return floats_text(values, digits=15)
-
-
-@dataclass(frozen=True, kw_only=True)
-class Release:
-    """One release.
-
-    Attributes:
-        plugin: file name of a system plug-in, with ``{}`` for the system. system: class name, likewise.
-        message: type name of a message, likewise. command: that starts the simulator.
-    """
-
-    plugin: str
-    system: str
-    message: str
-    command: str
-
-
-_GZ = {"plugin": "gz-sim-{}-system", "system": "gz::sim::systems::{}", "message": "gz.msgs.{}", "command": "gz sim"}
-RELEASES = {
-    "fortress": Release(
-        plugin="ignition-gazebo-{}-system", system="ignition::gazebo::systems::{}", message="ignition.msgs.{}",
-        command="ign gazebo",
-    ),
-    "harmonic": Release(**_GZ),
-    "jetty": Release(**_GZ),
-}  # fmt: skip
-
-
-def release_named(name: str) -> Release:
-    """The release of this name; ConfigError lists those there are."""
-    if name not in RELEASES:
-        raise ConfigError(f"gazebo: no release {name!r}; there are: {choices(RELEASES)}")
-    return RELEASES[name]
 
 
 CENTRE_PX = 0.5
