@@ -1,7 +1,7 @@
 """A scene as a folder that Gazebo opens: world, meshes with baked motion, bridge to ROS 2, and the exact truth.
 
 DIR/world.sdf      everything that is seen, and the cameras
-DIR/meshes/        people, things, floor and walls as COLLADA, with their images
+DIR/meshes/        people as COLLADA
 DIR/bridge.yaml    clock, images and CameraInfo to ROS 2; DIR/launch.sh starts Gazebo and the bridge
 DIR/rig.toml       the cameras, with their lenses, as the images are after intake
 DIR/scene.yaml     every setting
@@ -10,9 +10,8 @@ DIR/truth/         `formats.truth` at simulation times, loop.json: when the moti
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -20,10 +19,7 @@ import numpy as np
 import yaml
 
 from posefuse.core import ConfigError, Rig
-from posefuse.core.arrays import Array
 from posefuse.core.ideal_image import drawn_camera
-from posefuse.core.se3 import SE3
-from posefuse.formats.npz import write_arrays
 from posefuse.formats.rig import write_rig
 from posefuse.formats.truth import write_loop, write_truth
 from posefuse.foundation.output_folder import output_folder
@@ -31,14 +27,12 @@ from posefuse.foundation.parsing import ros_name
 from posefuse.foundation.summary import Block, Facts, Heading, Note
 from posefuse_sim.build import LiveScene, live_scene
 from posefuse_sim.cameras import ListedCameras, SensorSettings, placed_cameras
-from posefuse_sim.exact import prop_truth, truth_with, visible_to_all
-from posefuse_sim.props import StillPath
-from posefuse_sim.render.textures import png
+from posefuse_sim.exact import truth_with, visible_to_all
 from posefuse_sim.scene import Scene, motion_files, write_scene
 
-from .animation import person_actor, prop_actor, prop_mesh
+from .animation import person_actor
 from .collada import write_collada
-from .world import MESHES, image_topic, mesh_file, picture_file, room_parts, world_text
+from .world import MESHES, image_topic, mesh_file, world_text
 
 _COMMAND = "simulate --gazebo"
 _EXECUTABLE = 0o755
@@ -106,8 +100,7 @@ def export_world(scene: Scene, out: Path, *, replace_older: bool = False) -> Gaz
         folder = made.folder
         (folder / MESHES).mkdir()
         actors = _actors(live, shown.rate_hz, folder)
-        models = _still_models(live, folder)
-        _write(folder, "world.sdf", world_text(live, models=models, actors=actors, cameras=drawn))
+        _write(folder, "world.sdf", world_text(live, actors=actors, cameras=drawn))
         _write(folder, "bridge.yaml", bridge_text(live.rig.names))
         _write(folder, "launch.sh", _LAUNCH)
         (folder / "launch.sh").chmod(_EXECUTABLE)
@@ -129,45 +122,16 @@ def _write(folder: Path, name: str, text: str) -> None:
 
 def _write_truth(live: LiveScene, folder: Path) -> None:
     folder.mkdir()
-    visible = visible_to_all(live)
-    write_truth(folder / "truth.npz", truth_with(live, visible))
+    write_truth(folder / "truth.npz", truth_with(live, visible_to_all(live)))
     write_loop(folder, round(live.scene.duration_s * 1e9))
-    if live.props:
-        write_arrays(folder / "props.npz", prop_truth(live, visible))
 
 
 def _actors(live: LiveScene, rate_hz: float, folder: Path) -> list[str]:
-    """Everything that moves, written: the name of each."""
-    moving = [(f"person{i}", partial(person_actor, person)) for i, person in enumerate(live.people)]
-    for i, prop in enumerate(live.props):
-        if not isinstance(prop.path, StillPath):
-            _write_picture(folder, prop.name, prop.texture)
-            moving.append((prop.name, partial(prop_actor, prop, _prop_poses(live, i))))
-    for name, actor in moving:
-        write_collada(folder / mesh_file(name), *actor(live.scene.duration_s, rate_hz))
-    return [name for name, _ in moving]
-
-
-def _prop_poses(live: LiveScene, i: int) -> Callable[[Array], Array]:
-    return lambda t_s: live.prop_poses(t_s)[i].matrix4()
-
-
-def _still_models(live: LiveScene, folder: Path) -> list[tuple[str, SE3]]:
-    """Floor, walls and the props that do not move, written: name and pose of each."""
-    room = room_parts(live.scene.room, live.room_size_m, live.scene.seed)
-    parts = [(*part, SE3.identity()) for part in room]
-    for i, prop in enumerate(live.props):
-        if isinstance(prop.path, StillPath):
-            pose: SE3 = live.prop_poses(np.zeros(1))[i][0]
-            parts.append((prop.name, prop.texture, prop_mesh(prop), pose))
-    for name, picture, mesh, _ in parts:
-        _write_picture(folder, name, picture)
-        write_collada(folder / mesh_file(name), mesh)
-    return [(name, pose) for name, _, _, pose in parts]
-
-
-def _write_picture(folder: Path, name: str, picture: Array) -> None:
-    (folder / picture_file(name)).write_bytes(png(picture))
+    """The people, written: the name of each."""
+    names = [f"person{i}" for i in range(len(live.people))]
+    for name, person in zip(names, live.people, strict=True):
+        write_collada(folder / mesh_file(name), *person_actor(person, live.scene.duration_s, rate_hz))
+    return names
 
 
 def shown_scene(scene: Scene) -> tuple[Scene, list[str]]:
@@ -192,8 +156,10 @@ def shown_scene(scene: Scene) -> tuple[Scene, list[str]]:
         cameras.append(replace(camera, sensor=kept))
     if scene.start_s:
         left_out.append(f"start_s: simulation time begins at 0, not at {scene.start_s:g} s")
+    if scene.props:
+        left_out.append(f"props: {', '.join(prop.name for prop in scene.props)}: rig.toml is exact; left out")
     listed = ListedCameras(kind="list", cameras=tuple(cameras))
-    return replace(scene, cameras=listed, duration_s=duration_s, start_s=0.0), left_out
+    return replace(scene, cameras=listed, props=(), duration_s=duration_s, start_s=0.0), left_out
 
 
 def _set(sensor: SensorSettings, kept: SensorSettings) -> list[str]:
