@@ -16,13 +16,11 @@ from posefuse.api.rig_and_detector import rig_of
 from posefuse.calibration.clocks.sync import ClockEstimate
 from posefuse.calibration.report import CalibrationReport, Check, CheckKind, RefusedCalibration
 from posefuse.calibration.targets.coverage import ENOUGH_SHARE, ENOUGH_TOGETHER, TargetCoverage
-from posefuse.calibration.targets.kinds import Charuco, read_target
+from posefuse.calibration.targets.kinds import read_target
 from posefuse.core import CalibrationError, InputError
-from posefuse.formats.video import VideoWriter
 from posefuse_studio import calibrations
 from posefuse_studio.calibrations import LENSES, NEAR_FAR, NOTHING, RIG, SEEN, Known, Project, SeenTarget, Step, StepResult
 from posefuse_studio.work import calibrate
-from posefuse_studio.work.calibrate import refusal_pictures
 from posefuse_studio.workspace import StudioWorkspace, read_stored, write_stored
 
 BARE = Project(name="room", setup="webcams")
@@ -333,24 +331,3 @@ def test_a_check_blames_the_cameras_that_it_names_and_no_other() -> None:
     assert calibrations.named_cameras("cam (left) ", ("cam (left)",)) == ("cam (left)",)
     refusal = result("verify", False, detail="cam1: seen 3 times", remedy="show it to cam3")
     assert refusal.blames("cam1") and not refusal.blames("cam3") and not result("verify", detail="cam1").blames("cam1")
-
-
-def test_a_refusal_has_a_picture_of_each_camera_that_it_names(tmp_path: Path) -> None:
-    board = Charuco(columns=4, rows=3, square_m=0.2, marker_m=0.15)
-    page = np.asarray(board.board().generateImage((320, 240), marginSize=20))
-    videos = {}
-    for name, shown in (("left", page), ("right", np.full_like(page, 90)), ("other", page)):
-        videos[name] = tmp_path / f"{name}.mp4"
-        with VideoWriter(videos[name], (320, 240), 10.0) as video:
-            for i in range(12):
-                # the target is there in one frame of the first half
-                seen = shown if i in (3, 4) else np.full_like(page, 90)
-                video.write(np.repeat(seen[..., None], 3, axis=2), i * 100_000_000)
-    refusal = result("verify", False, detail="left and right: no common view")
-    seen = SeenTarget(cameras=["left", "right", "other"], cells=np.zeros((3, 6, 8), int).tolist())
-    made = refusal_pictures(refusal, videos, board, tmp_path / "refused", "verify", seen)
-    assert [(name, path.name) for name, path in made.items()] == [("left", "verify-left.jpg"), ("right", "verify-right.jpg")]
-    pictures = {name: cv2.imread(str(path)).astype(int) for name, path in made.items()}
-    marked = {name: ((one[..., 0] - one[..., 1] > 60) & (one[..., 2] - one[..., 1] > 60)).sum() for name, one in pictures.items()}
-    assert marked["left"] > 100 and marked["right"] == 0
-    assert refusal_pictures(result("verify", False, detail="nothing named"), videos, board, tmp_path, "verify", None) == {}

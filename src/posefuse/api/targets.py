@@ -8,19 +8,13 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
 
-import cv2
-import numpy as np
-
 from posefuse.calibration.extrinsics.world import FloorMarker, ThreePoints, check_floor, read_floor_points
 from posefuse.calibration.settings import TargetDescription
-from posefuse.calibration.targets.detection import TargetDetector
 from posefuse.calibration.targets.kinds import Chessboard, Markers, Target, described_target, write_target
 from posefuse.calibration.targets.printing import CUBE_IDS, board_sheets, marker_sheets, write_pdf
 from posefuse.core import InputError
-from posefuse.core.arrays import Array
 from posefuse.foundation.output_file import atomic_file, check_output_file, keep_copy
 from posefuse.foundation.settings import settings_from_mapping
-from posefuse.sources import Seeker, VideoConfig
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -88,24 +82,6 @@ def _described(settings: Mapping[str, Any]) -> Target:
         return InputError(f"target {described.kind}: missing {lacking}")
 
     return described_target(described, missing)
-
-
-_LOOKS = 9
-
-
-def best_view(video: str | Path, target: Target) -> tuple[Array, Array]:
-    """The image (H, W, 3) of a video with most corners (n, 2) px of a target among some; the middle one where there are none.
-
-    Raises:
-        SourceError: not a video, or one without a frame.
-    """
-    detector = TargetDetector(target)
-    with Seeker(VideoConfig(Path(video), Path(video).stem).build()) as seeker:
-        places = np.linspace(0, len(seeker.times_ns) - 1, _LOOKS + 2).round().astype(int)[1:-1]
-        images = [seeker.at(i).image for i in dict.fromkeys(places.tolist())]
-    found = [(image, detector.detect(cv2.cvtColor(image, cv2.COLOR_RGB2GRAY)).xy_img) for image in images]
-    middle = len(found) // 2
-    return max(enumerate(found), key=lambda one: (len(one[1][1]), one[0] == middle))[1]
 
 
 def floor_of(

@@ -78,8 +78,7 @@ class StepResult:
 
     Attributes:
         reports: one, for lenses one per camera. recording: it was made from. rests_on: see there. cameras: that came out.
-        pictures: of cameras that a refusal names, by camera. position_cov_m2: see `RigCalibration`.
-        world: where it comes from; empty: not known.
+        position_cov_m2: see `RigCalibration`. world: where it comes from; empty: not known.
     """
 
     __pydantic_config__ = ConfigDict(ser_json_inf_nan="constants")
@@ -89,7 +88,6 @@ class StepResult:
     recording: str = ""
     rests_on: str = ""
     cameras: list[str] = field(default_factory=list)
-    pictures: dict[str, str] = field(default_factory=dict)
     position_cov_m2: dict[str, list[list[float]]] = field(default_factory=dict)
     world: str = ""
 

@@ -24,7 +24,6 @@ from posefuse_studio.calibrations import (
     Step,
     StepResult,
     known_of,
-    named_cameras,
     new_recording,
     print_targets,
     projects,
@@ -346,7 +345,7 @@ def lights_card(known: Known) -> None:
 
 
 def show_step(step: Step, known: Known) -> None:
-    """What rests on a step and what it has given: checks that fail first, each with cause, remedy and an image."""
+    """What rests on a step and what it has given: checks that fail first, each with cause and remedy."""
     small(_RESTS[step])
     state = known[step]
     result = state.result
@@ -362,11 +361,6 @@ def show_step(step: Step, known: Known) -> None:
                 with ui.row().classes("items-start gap-2 no-wrap"):
                     ui.icon("build").classes("text-primary")
                     ui.label(check.remedy).classes("font-medium")
-            named = named_cameras(f"{subject} {check.detail}", tuple(result.pictures))
-            with ui.element("div").classes("pf-grid"):
-                for camera in named:
-                    image = ui.image(file_address(result.pictures[camera])).classes("pf-refused").props("no-spinner fit=contain")
-                    image.props["alt"] = f"what {camera} saw, with the target as it was found"
     for numbers in (report.numbers for report in result.reports):
         if step == "verify" and "length_rms_mm" in numbers:
             ui.label(

@@ -11,31 +11,24 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-import cv2
 import numpy as np
 
 import posefuse as pf
 from posefuse.api.calibrate import observe_target, target_of
-from posefuse.api.targets import best_view, floor_of
+from posefuse.api.targets import floor_of
 from posefuse.calibration.report import RefusedCalibration
-from posefuse.calibration.targets.coverage import coverage_picture
 from posefuse.calibration.targets.kinds import Target
-from posefuse.core import InputError, PosefuseError
-from posefuse.core.arrays import Array
-from posefuse.outputs.drawing import jpeg_of, shrunk
+from posefuse.core import InputError
 from posefuse_studio.calibrations import (
     FLOOR_ID,
     LENSES,
     RIG,
-    SEEN,
-    SeenTarget,
-    Step,
     StepResult,
     check_target,
     rests_on,
     without_floor,
 )
-from posefuse_studio.workspace import StudioWorkspace, read_stored, write_stored
+from posefuse_studio.workspace import StudioWorkspace, write_stored
 
 CLOCKS = "posefuse.toml"
 # rows of boards and cubes need not be looked at 30 times a second
@@ -58,9 +51,6 @@ def run(arguments: Mapping[str, Any], workspace: StudioWorkspace, progress: Any)
     except RefusedCalibration as refused:
         result = StepResult(passed=False, reports=[refused.report])
     result = replace(result, recording=str(arguments["recording"]), rests_on=made_from)
-    if not result.passed:
-        made = refusal_pictures(result, videos, target, folder / "refused", step, read_stored(recording / SEEN, SeenTarget))
-        result = replace(result, pictures={camera: workspace.name_of(path) for camera, path in made.items()})
     write_stored(folder / f"{step}.json", result)
     return {"passed": result.passed}
 
@@ -98,42 +88,3 @@ def _verify(folder: Path, videos: Mapping[str, Path], target: Target, progress: 
     found = pf.verify(folder / RIG, videos, target=target, every=_EVERY, progress=progress)
     found.save(folder / "verified.html", replace=True)
     return StepResult(passed=found.passed, cameras=list(found.rig.names), reports=[found.report])
-
-
-_WIDTH_PX = 480
-_CORNER_RGB = (255, 40, 200)
-
-
-def refusal_pictures(
-    result: StepResult, videos: Mapping[str, Path], target: Target, folder: Path, step: Step, seen: SeenTarget | None
-) -> dict[str, Path]:
-    """Write ``STEP-CAMERA.jpg`` into a folder for every camera that a failed check of a result names; returns them by camera.
-
-    Each shows the image with most corners of the target among some of its video, these corners, and what was covered.
-    """
-    made = {}
-    for camera in filter(result.blames, videos):
-        cells = dict(zip(seen.cameras, seen.cells, strict=False)).get(camera) if seen is not None else None
-        try:
-            image = _drawn(videos[camera], camera, target, None if cells is None else np.asarray(cells))
-        except PosefuseError:
-            # the check itself reports a video without any frame
-            continue
-        folder.mkdir(exist_ok=True)
-        made[camera] = folder / f"{step}-{camera}.jpg"
-        made[camera].write_bytes(jpeg_of(image))
-    return made
-
-
-def _drawn(video: Path, camera: str, target: Target, cells: Array | None) -> Array:
-    image, corners = best_view(video, target)
-    drawn = shrunk(image, _WIDTH_PX)
-    size_wh = drawn.shape[1], drawn.shape[0]
-    if cells is not None:
-        drawn = coverage_picture(cells, size_wh, drawn)
-    for x, y in np.round(corners * size_wh[0] / image.shape[1]).astype(int).tolist():
-        cv2.circle(drawn, (x, y), 4, _CORNER_RGB, 2, cv2.LINE_AA)
-    text = f"{camera}: {len(corners)} corners found" if len(corners) else f"{camera}: no target found"
-    cv2.rectangle(drawn, (0, 0), (size_wh[0], 30), (20, 28, 34), -1)
-    cv2.putText(drawn, text, (10, 21), cv2.FONT_HERSHEY_SIMPLEX, 0.6, (255, 255, 255), 1, cv2.LINE_AA)
-    return drawn
