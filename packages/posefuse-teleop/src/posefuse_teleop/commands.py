@@ -162,7 +162,7 @@ def teleoperate(
     wanted = ros.ros or ros.ros1
     _check_used(robot, ros)
     if not source:
-        raise ConfigError("--source: expected one per camera, e.g. --source cam1=usb:0, or --source sim:SCENE.yaml")
+        raise ConfigError("--source: expected one per camera, e.g. --source cam1=usb:0, or --source sim:SESSION")
     plan = RosPlan(
         version=1 if ros.ros1 else 2,
         network=package_of_extra("posefuse_ros.dds_domain", "ros").Network(**ros_2.network) if wanted else None,

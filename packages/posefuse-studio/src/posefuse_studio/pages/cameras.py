@@ -71,7 +71,7 @@ class _Chooser:
                         ui.label(one.text).classes("pf-grow")
                         icon_button("add", f"Add {one.text}", lambda one=one: self._add(one.name, one.source))
                 if not found:
-                    small("No camera on USB, no video and no scene in the workspace.")
+                    small("No camera on USB, and no video in the workspace.")
                 small(f"Videos to use are copied into {self._studio.workspace.root}.")
 
         with head:
