@@ -72,7 +72,7 @@ class _Chooser:
                         icon_button("add", f"Add {one.text}", lambda one=one: self._add(one.name, one.source))
                 if not found:
                     small("No camera on USB, and no video in the workspace.")
-                small(f"Videos to use are copied into {self._studio.workspace.root}.")
+                small(f"Videos to use are copied into the workspace, the folder {self._studio.workspace.root.name}.")
 
         with head:
             icon_button("refresh", "Look again", look)
