@@ -156,7 +156,6 @@ def test_models_can_be_checked_without_a_network(tmp_path: Path, monkeypatch: py
         (["track", DEMO, "--out", "x", "--outputs", "fbx"], "no plug-in 'fbx' among outputs; there are: "),
         (["track", "nowhere", "--out", "x", "--set", "fuse.weights=best"], "'best'"),
         (["simulate", "none.yaml", "--out", "x"], "none.yaml: no such file"),
-        (["simulate", "none.yaml", "--out", "x", "--for", "jetty"], "--for jetty: goes with --gazebo DIR only"),
         (["simulate", "none.yaml", "--plan", "--workers", "2"], "--workers 2: goes with --out DIR only"),
         (["simulate", "none.yaml", "--plan", "--force"], "--force: goes with --out DIR or --gazebo DIR only"),
         (["view", "nowhere"], "nowhere"),

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from checks import refusal
 from figure import sequence_of
-from motions import columns_of
+from motions import columns_of, read_bvh
 
 from bench.angle_errors import angle_errors, joints_from_lab, poses_from_lab
 from posefuse.core import DependencyError, InputError, Recording, Skeleton
@@ -18,7 +18,6 @@ from posefuse.core.observations import LIVE_STEP
 from posefuse.evaluation.biomechanics import BiomechanicsSettings, joints_of, write_biomechanics
 from posefuse.formats.c3d import C3dData, write_c3d
 from posefuse.kinematics import joints_from_poses
-from posefuse_sim.motion.bvh import read_bvh
 
 
 @pytest.fixture

@@ -19,7 +19,6 @@ from posefuse.core.skeleton import BODY_25
 from posefuse.detection.card import read_card
 from posefuse.detection.files import fetch
 from posefuse.evaluation.tracks import read_tracks
-from posefuse.formats.bvh import BvhData, write_bvh
 from posefuse.formats.c3d import C3dData, read_c3d, write_c3d
 from posefuse.formats.pose2d import read_openpose_folder, read_pose2d
 from posefuse.formats.recording import read_recording, write_recording
@@ -30,7 +29,6 @@ from posefuse.formats.video import VideoWriter
 from posefuse.pipeline.config import read_config
 from posefuse.sources import ImagesConfig, VideoConfig
 from posefuse.tracking.warm_up import made_up_person
-from posefuse_sim.motion.bvh import read_bvh
 from posefuse_sim.scene import read_scene
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -78,13 +76,6 @@ def _c3d(folder: Path) -> None:
     points = {"names": NAMES, "xyz_world": XYZ, "sigma_m": np.full(XYZ.shape[:2], 0.01), "rate_hz": 30.0}
     angles = {"angle_names": ("knee",), "angle_rad": np.zeros((len(XYZ), 1, 3))}
     write_c3d(folder / "a.c3d", C3dData(**points, **angles))
-
-
-def _bvh(folder: Path) -> None:
-    offset = np.array([[0, 0, 0], [0, 0.5, 0], [0, 0.5, 0.0]])
-    bones = {"names": ("hips", "knee", "knee_end"), "parent": np.array([-1, 0, 1]), "offset": offset}
-    motion = {"rotation": [np.tile(np.eye(3), (5, 1, 1))] * 3, "position": [np.tile(one, (5, 1)) for one in offset]}
-    write_bvh(folder / "a.bvh", BvhData(**bones, **motion, frame_s=0.02))
 
 
 def _csv(folder: Path) -> None:
@@ -199,7 +190,6 @@ EXAMPLES: dict[str, Example] = {
     "model card TOML": _copied(ROOT / "src" / "posefuse" / "detection" / "cards" / "blazepose_full.toml", read_card),
     "TRC": Example("a.trc", _trc, read_trc),
     "C3D": Example("a.c3d", _c3d, read_c3d),
-    "BVH": Example("a.bvh", _bvh, lambda path: read_bvh(path).world()),
     "CSV": Example("a.csv", _csv, read_tracks),
     "recording.npz": Example("recording.npz", _recording, _read_result),
     "recording.json": Example("recording.json", _recording, _read_result),

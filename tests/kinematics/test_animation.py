@@ -9,6 +9,7 @@ from built import unseen
 from checks import refusal
 from figure import BENT, sequence_of, walking
 from glb import read_glb
+from motions import read_bvh
 from scipy.spatial.transform import Rotation
 
 from posefuse.core import InputError
@@ -19,7 +20,6 @@ from posefuse.kinematics.animation import FILE_FROM_WORLD, animation_from_joints
 from posefuse.kinematics.definitions import NOSE_BELOW_RAD
 from posefuse.kinematics.side_clues import landmarks
 from posefuse.kinematics.skin import length_names, skin_of, template
-from posefuse_sim.motion.bvh import read_bvh
 
 
 @pytest.fixture

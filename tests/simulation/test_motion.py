@@ -20,12 +20,9 @@ PATHS = {
     "random": ({"shape": "random", "low_m": (-2.0, -1.5), "high_m": (2.0, 1.5)}, 1.1),
 }
 
-# seconds; ahead, left, up of the floor point between the feet
-PATH = ((0.5, 0.35, -0.25, 1.05), (1.5, 0.4, -0.1, 1.2), (3.0, 0.25, -0.35, 1.3))
-
 
 def person(body: SimulatedBody, seed: int = 7, **content: object) -> MovingPerson:
-    needed = {"hand_path": {"path": PATH}, "walk": {"path": PATHS["random"][0]}}.get(str(content["kind"]), {})
+    needed = {"path": PATHS["random"][0]} if content["kind"] == "walk" else {}
     return build_person(body, settings_from_mapping(needed | content, MotionSettings, "scene.yaml"), seed)
 
 
@@ -208,7 +205,7 @@ def test_every_body_walks(settings: BodyShapeSettings) -> None:
 
 
 FEET = ("left_ankle", "right_ankle", "left_big_toe", "right_big_toe", "left_heel", "right_heel")
-STANDING = ("tpose", "idle", "reach", "hand_path", "squat", "wave", "overhead", "sit")
+STANDING = ("tpose", "idle", "reach", "squat", "wave", "overhead", "sit")
 
 
 def test_tpose_arms_are_exactly_horizontal_and_straight(body: SimulatedBody) -> None:
@@ -340,28 +337,6 @@ def test_who_turns_on_the_spot_always_stands_on_a_foot(body: SimulatedBody) -> N
     assert np.degrees(heading[-1] - heading[0]) == pytest.approx(360, abs=1) and (np.diff(heading) > -1e-9).all()
     lowest = body.vertices(state.moved[::40])[..., 2].min(axis=1)
     assert (lowest > -2e-3).all() and np.linalg.norm(ankles[..., :2] - [0.3, -0.2], axis=-1).max() < 0.2
-
-
-@pytest.mark.parametrize("side", ["left", "right"])
-def test_a_hand_follows_its_path_wherever_the_person_stands(body: SimulatedBody, side: str) -> None:
-    mirror = np.array([1.0, 1.0 if side == "right" else -1.0, 1.0])
-    rows = np.array(PATH) * [1, *mirror]
-    t_s = np.linspace(0.0, 4.0, 33)
-    hand = {"kind": "hand_path", "side": side, "path": rows.tolist()}
-    here, there = (person(body, **hand, **one).at(t_s) for one in ({}, {"position_m": (2.0, -1.0), "heading_deg": 90.0}))
-    wrist = point(here, f"{side}_wrist")
-    at = np.searchsorted(t_s, rows[:, 0])
-    assert np.allclose(t_s[at], rows[:, 0])
-    assert np.abs(wrist[at] - rows[:, 1:]).max() < 2e-3
-    # straight between two points, at rest before the first and after the last
-    between = wrist[at[0] : at[1] + 1] - rows[0, 1:]
-    along = (rows[1, 1:] - rows[0, 1:]) / np.linalg.norm(rows[1, 1:] - rows[0, 1:])
-    assert np.linalg.norm(between - np.outer(between @ along, along), axis=1).max() < 2e-3
-    assert np.ptp(wrist[t_s >= rows[-1, 0]], axis=0).max() < 2e-3 and np.ptp(wrist[t_s <= rows[0, 0]], axis=0).max() < 2e-3
-    # facing +Y: ahead is +Y, left is -X
-    assert np.abs(point(there, f"{side}_wrist") - (wrist[:, [1, 0, 2]] * [-1, 1, 1] + [2.0, -1.0, 0.0])).max() < 2e-3
-    elbow = point(here, f"{side}_elbow")
-    assert (elbow[:, 2] < point(here, f"{side}_shoulder")[:, 2]).all()
 
 
 def test_segments_and_angles_belong_together(body: SimulatedBody) -> None:

@@ -20,7 +20,6 @@ from posefuse.calibration.targets.kinds import read_target
 from posefuse.core import CalibrationError, InputError
 from posefuse_studio import calibrations
 from posefuse_studio.calibrations import LENSES, NEAR_FAR, NOTHING, RIG, SEEN, Known, Project, SeenTarget, Step, StepResult
-from posefuse_studio.pages.calibrate import graph_options, graph_words, shared_views
 from posefuse_studio.work import calibrate
 from posefuse_studio.workspace import StudioWorkspace, read_stored, write_stored
 
@@ -332,26 +331,3 @@ def test_a_check_blames_the_cameras_that_it_names_and_no_other() -> None:
     assert calibrations.named_cameras("cam (left) ", ("cam (left)",)) == ("cam (left)",)
     refusal = result("verify", False, detail="cam1: seen 3 times", remedy="show it to cam3")
     assert refusal.blames("cam1") and not refusal.blames("cam3") and not result("verify", detail="cam1").blames("cam1")
-
-
-def test_the_graph_shows_cameras_with_common_views_and_with_enough_of_them() -> None:
-    n = ENOUGH_TOGETHER
-    names, together = ("a", "b", "<c>", "d"), [[90, n, n - 1, 0], [n, 90, 0, 0], [n - 1, 0, 90, 0], [0, 0, 0, 5]]
-    shared = shared_views(names, together)
-    assert shared == {("a", "b"): n, ("a", "<c>"): n - 1}
-    assert graph_words(names, shared) == f"a and b {n}; a and <c> {n - 1}, too few; d shares none"
-    [drawn] = graph_options(names, shared)["series"]
-    assert [(one["source"], one["target"], one["value"], one["lineStyle"]["type"]) for one in drawn["links"]] == [
-        ("a", "b", n, "solid"), ("a", "<c>", n - 1, "dashed")
-    ]  # fmt: skip
-    colours = {one["name"]: one["itemStyle"]["color"] for one in drawn["data"]}
-    assert colours["a"] == colours["b"] and len(set(colours.values())) == 3
-
-
-@pytest.mark.parametrize("count", [2, 3, 4, 7])
-def test_names_in_the_graph_lie_outside_of_its_lines_and_counts_of_lines_that_cross_are_apart(count: int) -> None:
-    names = [f"cam{c}" for c in range(count)]
-    [drawn] = graph_options(names, shared_views(names, np.full((count, count), 40)))["series"]
-    assert {one["label"]["position"] for one in drawn["data"] if one["y"] < 0} == {"top"}
-    assert {one["label"]["position"] for one in drawn["data"] if one["y"] > 0.1} == {"bottom"}
-    assert all(one["lineStyle"]["curveness"] > 0.1 for one in drawn["links"])

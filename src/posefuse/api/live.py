@@ -302,7 +302,7 @@ def live(
     Args:
         rig: the cameras, or a rig file.
         sources: camera name -> ``usb:0``, ``rtsp://...``, ``video:FILE``, ``realsense:SERIAL`` ...; or a list as for ``posefuse
-            live --source``, e.g. ``["sim:SCENE.yaml"]``.
+            live --source``, e.g. ``["sim:SESSION"]``.
         people: follow at most this many.
         networks: name of the 2D networks, or a model card (see docs/networks.md).
         device: processor, e.g. ``cpu`` or ``cuda:1``, or the number of a card of NVIDIA.

@@ -22,7 +22,7 @@ _WITH_DEPTH = "+depth"
 EXAMPLES = (
     "cam00=video:cam00.mp4, cam00=usb:/dev/video0 (macOS: usb:0, Windows: usb:NAME), cam00=rtsp://host/stream, "
     "cam00=http://host/stream.mjpg, "
-    "cam00=ros:/camera/image_raw, cam00=realsense:SERIAL+depth, cam00=oak:any, sim:SCENE.yaml or sim:SESSION"
+    "cam00=ros:/camera/image_raw, cam00=realsense:SERIAL+depth, cam00=oak:any, sim:SESSION"
 )
 
 
@@ -33,7 +33,7 @@ def inputs_from_arguments(
 
     Args:
         sources: ``KIND:WHERE`` by camera, or texts ``CAMERA=KIND:WHERE`` and ``sim:PATH``.
-        rig: None takes any names, in their own order; ``sim:PATH`` then stands for every camera of the scene.
+        rig: None takes any names, in their own order; ``sim:PATH`` then stands for every camera of the session.
         ros: settings that all ROS topics share: `ROS_FIELDS`.
 
     Raises:
@@ -54,7 +54,7 @@ def inputs_from_arguments(
 
 
 def _is_same(one: LiveInput, other: LiveInput) -> bool:
-    """Of a scene there are all cameras, and a depth camera may be any that is free."""
+    """Of a session there are all cameras, and a depth camera may be any that is free."""
     if one.kind != other.kind or one.kind in ("sim", "realsense", "oak"):
         return False
     return bool(replace(one.config, camera=other.camera) == other.config)

@@ -32,11 +32,7 @@ SCENE = scenes.scene(
     ),
     people=[{"motion": {"kind": "walk", "speed_mps": 1.3, "path": {"shape": "circle", "radius_m": 1.2}}}],
     occluders=[{"kind": "box", "position_m": [0.9, -0.9, 0.3], "size_m": [0.3, 0.4, 0.6], "yaw_deg": 25}],
-    props=[
-        {"kind": "aruco_cube", "name": "cube", "path": {"kind": "waved", "extent_m": [0.5, 0.5, 0.3]}},
-        {"kind": "charuco_board", "name": "board", "path": scenes.still([-1, 1, 1], roll_deg=80, yaw_deg=30)},
-        {"kind": "ground_tile", "name": "tile"},
-    ],
+    props=[{"kind": "charuco_board", "name": "board", "path": scenes.still([-1, 1, 1], roll_deg=80, yaw_deg=30)}],
     room={"size_m": [8.0, 9.0]},
 )
 

@@ -51,13 +51,11 @@ int main(int argc, char **argv)
   std::cout << std::setprecision(12) << "{\"root\": \"" << skeleton->RootNode()->Name() << "\", \"joints\": " << skeleton->NodeCount()
             << ", \"length_s\": " << skeleton->Animation(0)->Length() << ", \"min\": [" << mesh->Min().X() << ", " << mesh->Min().Y()
             << ", " << mesh->Min().Z() << "], \"max\": [" << mesh->Max().X() << ", " << mesh->Max().Y() << ", " << mesh->Max().Z()
-            << "], \"materials\": [";
+            << "], \"colours\": [";
   for (unsigned int i = 0; i < mesh->MaterialCount(); ++i)
   {
-    const auto material = mesh->MaterialByIndex(i);
-    const auto colour = material->Diffuse();
-    std::cout << (i ? ", " : "") << "{\"texture\": \"" << material->TextureImage() << "\", \"colour\": [" << colour.R() << ", "
-              << colour.G() << ", " << colour.B() << "]}";
+    const auto colour = mesh->MaterialByIndex(i)->Diffuse();
+    std::cout << (i ? ", " : "") << "[" << colour.R() << ", " << colour.G() << ", " << colour.B() << "]";
   }
   std::cout << "]}\n";
   std::map<std::string, Matrix4d> world;

@@ -59,9 +59,6 @@ int main(int, char **argv)
       const auto size = geometry->BoxShape()->Size();
       std::cout << ", \"size\": [" << size.X() << ", " << size.Y() << ", " << size.Z() << "]";
     }
-    if (geometry->MeshShape())
-      std::cout << ", \"mesh\": \"" << geometry->MeshShape()->Uri() << "\", \"texture\": \""
-                << visual->Material()->PbrMaterial()->Workflow(sdf::PbrWorkflowType::METAL)->AlbedoMap() << "\"";
     const auto colour = visual->Material()->Diffuse();
     std::cout << ", \"colour\": [" << colour.R() << ", " << colour.G() << ", " << colour.B() << "]}";
     comma = ", ";

@@ -21,11 +21,12 @@ from posefuse.core.ideal_image import drawn_camera
 from posefuse.formats.rig import read_rig
 from posefuse.formats.truth import read_loop, read_truth
 from posefuse_ros.camera_info import RigLens
+from posefuse_sim.build import live_scene
 from posefuse_sim.cameras import SensorSettings, rig_from_cameras
 from posefuse_sim.gazebo import export_world
 from posefuse_sim.gazebo.animation import baked, halfway
+from posefuse_sim.gazebo.export import shown_scene
 from posefuse_sim.gazebo.world import CAM_FROM_LINK, CENTRE_PX, pose_text, world_from_link
-from posefuse_sim.props import GroundTile
 from posefuse_sim.render.model import render_model
 from posefuse_sim.render.shot import CameraShooter, body_poses
 from posefuse_sim.render.stage import RenderStage
@@ -54,27 +55,35 @@ def test_libsdformat_reads_the_cameras_of_the_rig(written, libsdformat):
     assert [one["noise"] for one in read["cameras"]] == pytest.approx([0, 2 / 255, 0])
 
 
-def test_libsdformat_reads_things_and_people(written, libsdformat):
+def test_libsdformat_reads_boxes_and_people(written, libsdformat):
     read = libsdformat(written.sdf)
     models = {one["name"]: one for one in read["models"]}
     box = written.live.boxes[0]
     assert models["occluder0"]["size"] == pytest.approx(list(2 * box.half_m))
     assert models["occluder0"]["wxyz"] == pytest.approx(list(box.world_from_box.wxyz), abs=1e-9)
-    for i, prop in enumerate(written.live.props):
-        if prop.name == "cube":
-            continue
-        pose = written.live.prop_poses(np.zeros(1))[i][0]
-        assert models[prop.name]["xyz"] == pytest.approx(list(pose.xyz), abs=1e-9)
-        assert abs(np.dot(models[prop.name]["wxyz"], pose.wxyz)) == pytest.approx(1, abs=1e-12)
-    for one in read["models"]:
-        assert one["static"]
-        assert all((written.world.folder / one[key]).is_file() for key in ("mesh", "texture") if key in one)
-    assert {one["name"] for one in read["actors"]} == {"person0", "cube"}
+    assert all(one["static"] for one in read["models"])
+    assert {one["name"] for one in read["actors"]} == {"person0"}
     for one in read["actors"]:
+        assert (written.world.folder / one["skin"]).is_file()
         # its own motion, from time 0, again and again, moved by no trajectory
         assert one["skin"] == one["animation"] and one["trajectories"] == 0
         assert (one["loop"], one["delay"], one["auto"]) == (1, 0, 1)
         assert one["xyz"] == [0, 0, 0] and one["wxyz"] == [1, 0, 0, 0]
+
+
+def test_the_room_is_closed_and_holds_the_scene(written, libsdformat):
+    """Floor below zero, four walls whose inner faces bound the floor, in colours of their pictures."""
+    parts = {one["name"]: one for one in libsdformat(written.sdf)["models"] if one["name"].startswith("room_")}
+    low, high = (
+        {name: np.array(one["xyz"]) + sign * np.array(one["size"]) / 2 for name, one in parts.items()} for sign in (-1, 1)
+    )
+    width, depth = written.live.room_size_m
+    assert len(parts) == 5 and high["room_floor"] == pytest.approx([width / 2, depth / 2, 0])
+    faces = [low["room_wall0"][0], low["room_wall3"][1], -high["room_wall2"][0], -high["room_wall1"][1]]
+    assert faces == pytest.approx([width / 2, depth / 2, width / 2, depth / 2])
+    assert all(high[f"room_wall{i}"][2] == pytest.approx(written.live.scene.room.height_m) for i in range(4))
+    assert all(0.2 < channel < 0.9 for one in parts.values() for channel in one["colour"])
+    assert parts["room_floor"]["colour"] != pytest.approx(parts["room_wall0"]["colour"], abs=0.05)
 
 
 @pytest.mark.parametrize("pitch_deg", [-90, -89.999, 0, 37, 90])
@@ -131,9 +140,9 @@ def test_next_to_the_world_stand_rig_truth_and_settings(written):
     assert truth.t_ns[0] == 0 and np.diff(truth.t_ns).max() <= 1e9 / 240 + 1
     expected = written.live.keypoints(truth.t_ns / 1e9)
     np.testing.assert_allclose(truth.xyz_world, expected, atol=1e-12)
-    assert (folder / "truth" / "props.npz").is_file()
-    # what Gazebo's cameras do not have is said, and is not in the truth
-    assert len(written.world.left_out) == 1 and "bent: offset_s, exposure_s" in written.world.left_out[0]
+    # what Gazebo does not show is said, and is not in the truth
+    about_bent, about_props = written.world.left_out
+    assert "bent: offset_s, exposure_s" in about_bent and about_props.startswith("props: board: ")
     assert list(truth.views[1].t_ns[:3]) == [0, 80_000_000, 160_000_000]
 
 
@@ -152,28 +161,8 @@ def test_the_bridge_brings_clock_images_and_camera_info(written):
     assert missing.returncode == 1 and "gz: not found" in missing.stderr
 
 
-def test_fortress_has_names_of_its_own(scene, tmp_path, libsdformat):
-    scene = replace(scene, people=(), props=())
-    for release, prefix in (("fortress", "ignition"), ("harmonic", "gz"), ("jetty", "gz")):
-        world = export_world(scene, tmp_path / release, release=release)
-        text = (world.folder / "world.sdf").read_text()
-        assert f'name="{prefix}::' in text and f'filename="{prefix}-' in text
-        assert f"{prefix}.msgs.Image" in (world.folder / "bridge.yaml").read_text()
-        assert libsdformat(world.folder / "world.sdf") is not None
-
-
-def test_a_prop_called_floor_is_not_the_floor(scene, tmp_path):
-    [tile] = [prop for prop in scene.props if isinstance(prop, GroundTile)]
-    scene = replace(scene, people=(), props=(replace(tile, name="floor"),))
-    world = export_world(scene, tmp_path / "world").folder / "world.sdf"
-    read = [mesh.text for mesh in ElementTree.parse(world).iter("uri") if mesh.text.endswith(".dae")]
-    assert len(read) == len({*read}) > 1
-
-
 def test_what_cannot_be_is_refused_in_one_line(scene, tmp_path):
-    scene = replace(scene, people=(), props=())
-    with pytest.raises(ConfigError, match="no release 'classic'; there are: fortress, harmonic"):
-        export_world(scene, tmp_path / "a", release="classic")
+    scene = replace(scene, people=())
     refusal(ConfigError, r"duration_s: expected .* got 1200 s", export_world, replace(scene, duration_s=1200), tmp_path / "a")
     (tmp_path / "mine").mkdir()
     (tmp_path / "mine" / "notes.txt").write_text("precious")
@@ -186,8 +175,14 @@ def test_what_cannot_be_is_refused_in_one_line(scene, tmp_path):
 
 
 @pytest.fixture(scope="module")
-def draw(written, backend):
-    live = written.live
+def furnished(scene):
+    """The scene with its props, which Gazebo does not show."""
+    return live_scene(replace(shown_scene(scene)[0], props=scene.props))
+
+
+@pytest.fixture(scope="module")
+def draw(furnished, backend):
+    live = furnished
     stage = RenderStage(render_model(live, live.rig, backend), backend)
 
     def draw_(camera, t_s=0.4):
@@ -221,21 +216,16 @@ def test_cameras_read_from_the_world_draw_the_same_picture(name, written, draw, 
 
 
 @pytest.mark.gl
-def test_the_lens_at_intake_makes_our_picture_of_an_ideal_one(written, draw, read_cameras):
+def test_the_lens_at_intake_makes_our_picture_of_an_ideal_one(written, furnished, draw, read_cameras):
     camera, ideal = written.live.rig["bent"], draw(read_cameras["bent"])
     assert ideal.shape[:2][::-1] == drawn_camera(camera).size_wh != camera.size_wh
     ours, taken_in = draw(camera), RigLens(camera)(ideal)
     assert taken_in.shape == ours.shape
     assert np.abs(ours.astype(int) - taken_in).mean() < 0.3 and _shift_px(ours, taken_in) < 0.05
     # and where the board is seen, its corners are where the rig's lens puts them
-    expected = _corners(written, camera)
+    [board] = furnished.props
+    expected = camera.project(furnished.prop_poses(np.zeros(1))[0][0] @ chess_corners(board))
     assert np.linalg.norm((refined(taken_in, expected, 2) - expected).mean(axis=0)) < 0.2
-
-
-def _corners(written, camera):
-    prop = next(one for one in written.live.props if one.kind == "charuco_board")
-    place = written.live.props.index(prop)
-    return camera.project(written.live.prop_poses(np.zeros(1))[place][0] @ chess_corners(prop))
 
 
 # --- actors: other people's COLLADA readers find our bones, skin and pictures where the scene has them
@@ -286,21 +276,17 @@ def test_nothing_of_the_motion_is_outside_the_box_that_culls_it(written, read_pe
     assert (skin.min(axis=(0, 1)) > facts["min"]).all() and (skin.max(axis=(0, 1)) < facts["max"]).all()
 
 
+def test_gazebo_finds_the_colours_of_clothes_skin_and_hair(written, read_person):
+    colours = np.array(read_person[0]["colours"])
+    np.testing.assert_allclose(
+        colours[np.lexsort(colours.T)], (own := written.live.people[0].body.colours)[np.lexsort(own.T)], atol=1e-6
+    )
+
+
 def test_gazebo_plays_whole_milliseconds_of_it(read_person):
     # it cuts the length down to milliseconds: 2.3 s would become 2.299 s and the truth would run ahead of it
     facts, *_ = read_person
     assert int(facts["length_s"] * 1000) == 1000
-
-
-def test_gazebo_finds_a_waved_cube_and_its_picture(written, gazebo_reader):
-    facts, poses, skin = gazebo_reader(written.world.folder / "meshes" / "cube.dae", TIMES_S)
-    truth = written.live.prop_poses(TIMES_S)[0].matrix4()
-    for joints, expected in zip(poses, truth, strict=True):
-        np.testing.assert_allclose(np.reshape(joints["thing"], (4, 4)), expected, atol=1 * MM)
-    (material,) = facts["materials"]
-    assert material["texture"].endswith("cube.png")
-    corners = written.live.props[0].vertices @ truth[-1, :3, :3].T + truth[-1, :3, 3]
-    assert cKDTree(np.array(skin)).query(corners)[0].max() < 1 * MM
 
 
 def test_a_second_reader_agrees(written):
@@ -325,13 +311,6 @@ def test_a_second_reader_agrees(written):
         np.testing.assert_allclose(bind[:3, 3], body.bone_head_rest[by_name[name]], atol=1e-6)
         np.testing.assert_allclose(bind[:3, :3], np.eye(3), atol=1e-6)
     assert len(read.animations) == len(names)
-
-
-def test_every_picture_that_a_mesh_names_is_there(written):
-    for file in (written.world.folder / "meshes").glob("*.dae"):
-        text = file.read_text()
-        for name in {part.split("</init_from>")[0] for part in text.split("<init_from>")[1:]}:
-            assert name.endswith("-image") or (file.parent / name).is_file(), f"{file.name}: {name}"
 
 
 def test_keys_are_denser_where_the_motion_is_sharper():

@@ -61,13 +61,12 @@ def simulate(
         raise
 
 
-def gazebo_world(scene: str | Path, out: str | Path, *, release: str = "harmonic", replace: bool = False) -> GazeboWorld:
+def gazebo_world(scene: str | Path, out: str | Path, *, replace: bool = False) -> GazeboWorld:
     """Write a scene file (YAML) as a world for Gazebo, with its bridge to ROS 2 and the exact truth; needs the extra ``sim``.
 
     Args:
         scene: see docs/simulation.md; a person with the motion ``result`` walks as recorded.
         out: new or empty folder; with `replace` an earlier world is moved to ``NAME.replaced-TIME``.
-        release: of Gazebo: ``fortress``, ``harmonic`` or ``jetty``.
 
     Returns:
         What was written: folder, rig, seconds until the motion starts again, and what of the scene Gazebo cannot show.
@@ -88,7 +87,7 @@ def gazebo_world(scene: str | Path, out: str | Path, *, release: str = "harmonic
 
     chosen = read_scene(Path(scene))
     check_outside_inputs(Path(out), (Path(scene),))
-    return export_world(chosen, Path(out), release=release, replace_older=replace)
+    return export_world(chosen, Path(out), replace_older=replace)
 
 
 def plan(scene: Scene | str | Path, *, area_m: tuple[float, float] | None = None, step_m: float = 0.1) -> RigPlan:

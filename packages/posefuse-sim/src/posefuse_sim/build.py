@@ -18,11 +18,11 @@ from .body import SimulatedBody, build_body
 from .cameras import PlacedCamera, placed_cameras, rig_from_cameras
 from .motion.gait import walking
 from .motion.posture import BodyPosture, bones_of
-from .motion.recorded import from_result, from_trc, retargeted
+from .motion.recorded import from_result, from_trc
 from .motion.routes import route
 from .motion.settings import MotionSettings, StandSettings, WalkSettings
 from .motion.standing import standing_motion
-from .props import CarriedPath, Prop, poses_on_path, prop_from_settings
+from .props import Prop, poses_on_path, prop_from_settings
 from .scene import Scene, check_scene
 from .surroundings import Box, boxes_of
 
@@ -30,9 +30,6 @@ _ROOM_MARGIN_M = 1.0
 _LEAST_ROOM_M = 8.0
 _BODY_RADIUS_M = 0.25
 _CHECK_STEP_S = 0.1
-# of the centre of what a hand carries, along the forearm
-_BEYOND_WRIST_M = 0.18
-
 
 # keeps frames in order however strong the jitter
 _JITTER_LIMIT_PERIODS = 0.45
@@ -138,16 +135,8 @@ class LiveScene:
 
     def prop_poses(self, t_s: Array) -> list[SE3]:
         """For each prop its world poses (T,)."""
-        return [self._prop_pose(i, prop, t_s) for i, prop in enumerate(self.props)]
-
-    def _prop_pose(self, i: int, prop: Prop, t_s: Array) -> SE3:
         since_start = self._since_start(t_s)
-        if not isinstance(prop.path, CarriedPath):
-            return poses_on_path(prop.path, since_start, self.scene.seed * 1000 + i)
-        person = self.people[prop.path.person]
-        hand, prop_rest = _grip(person.body, prop.path)
-        moved = person.at(since_start).moved[:, hand]
-        return SE3.from_matrix(moved[:, :3, :3], moved[:, :3, 3]) @ prop_rest
+        return [poses_on_path(prop.path, since_start, self.scene.seed * 1000 + i) for i, prop in enumerate(self.props)]
 
     def _since_start(self, t_s: Array) -> Array:
         return np.asarray(t_s, np.float64) - self.scene.start_s
@@ -225,20 +214,11 @@ def _check_not_in_a_person(camera: str, centre: Array, keypoints: Array, t_s: Ar
         )
 
 
-def _grip(body: SimulatedBody, path: CarriedPath) -> tuple[int, SE3]:
-    """The bone that ends the forearm, and where the prop is at rest: beyond the wrist, upright."""
-    elbow, wrist = (body.points_rest[f"{path.side}_{joint}"] for joint in ("elbow", "wrist"))
-    along = (wrist - elbow) / np.linalg.norm(wrist - elbow)
-    place = wrist + _BEYOND_WRIST_M * along
-    hand = int(np.argmin(np.linalg.norm(body.bone_head_rest - (wrist + 0.03 * along), axis=-1)))
-    return hand, SE3(np.array([1.0, 0, 0, 0]), place)
-
-
 def _point(values: Array) -> str:
     return "(" + ", ".join(f"{round(float(value), 2) + 0.0:.2f}" for value in values) + ")"
 
 
-_READERS = {"bvh": retargeted, "trc": from_trc, "result": from_result}
+_READERS = {"trc": from_trc, "result": from_result}
 
 
 @dataclass(frozen=True, eq=False)
@@ -284,7 +264,7 @@ def build_person(body: SimulatedBody, motion: MotionSettings, seed: int) -> Movi
     """Put a motion into a body; the same seed gives the same bytes.
 
     Raises:
-        ConfigError: a path that cannot be walked, or that a hand cannot reach. InputError: a motion file that cannot be used.
+        ConfigError: a path that cannot be walked. InputError: a motion file that cannot be used.
     """
     if isinstance(motion, StandSettings):
         return MovingPerson(body, standing_motion(body, motion, seed))

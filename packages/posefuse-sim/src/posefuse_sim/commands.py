@@ -11,8 +11,6 @@ import posefuse as pf
 from posefuse.cli.options import Figures, Shown, check_used, count
 from posefuse.cli.terminal import quoted
 
-HARMONIC = "harmonic"
-
 
 def simulate(
     scene: Annotated[Path, Parameter(metavar="SCENE.yaml")],
@@ -21,7 +19,6 @@ def simulate(
     out: Annotated[Path | None, Parameter(metavar="DIR")] = None,
     plan: bool = False,
     gazebo: Annotated[Path | None, Parameter(metavar="DIR")] = None,
-    release: Annotated[str, Parameter(name="--for", metavar="RELEASE")] = HARMONIC,
     force: bool = False,
     workers: Annotated[int | None, Parameter(metavar="N"), count(1024)] = None,
     terminal: Shown,
@@ -33,7 +30,6 @@ def simulate(
         out: Session folder; an unfinished one is resumed.
         plan: Render nothing: show at once what the cameras cover, and the expected error there.
         gazebo: Write the scene there as a world that Gazebo opens, with the bridge to ROS 2; see docs/gazebo.md.
-        release: Release of Gazebo: fortress, harmonic or jetty.
         force: Render again even if DIR is finished.
         workers: Processes that render (default: one per core).
     """
@@ -44,7 +40,6 @@ def simulate(
         raise InputError("expected --out DIR (videos), --gazebo DIR (a world) or --plan, one of them")
     check_used(
         [
-            (f"--for {release}", release != HARMONIC, gazebo, "goes with --gazebo DIR only"),
             (f"--workers {workers}", workers is not None, out, "goes with --out DIR only"),
             ("--force", force, not plan, "goes with --out DIR or --gazebo DIR only"),
         ]
@@ -55,7 +50,7 @@ def simulate(
         terminal.next(f"posefuse simulate {quoted(scene)} --out DIR", "a test walk, rendered, with its exact truth")
         return found.figures
     if gazebo is not None:
-        world = pf.gazebo_world(scene, gazebo, release=release, replace=force)
+        world = pf.gazebo_world(scene, gazebo, replace=force)
         terminal.show(world.summary())
         terminal.next(quoted(world.folder / "launch.sh"), "Gazebo and the bridge to ROS 2; docs/gazebo.md continues from there")
         return world.figures

@@ -57,20 +57,7 @@ class WavedPath:
     seed: int | None = None
 
 
-@settings
-class CarriedPath:
-    """Held by a person.
-
-    Attributes:
-        person: place in the scene's list of people, from 0. side: whose hand, the person's.
-    """
-
-    kind: Literal["carried"]
-    person: Annotated[int, Ge(0)] = 0
-    side: Literal["left", "right"] = "right"
-
-
-PathSettings = Annotated[StillPath | WavedPath | CarriedPath, Field(discriminator="kind")]
+PathSettings = Annotated[StillPath | WavedPath, Field(discriminator="kind")]
 
 
 def poses_on_path(path: StillPath | WavedPath, t_s: Array, seed: int) -> SE3:
@@ -195,7 +182,7 @@ class GroundTile:
 
 
 PropSettings = Annotated[ArucoCube | CharucoBoard | GroundTile, Field(discriminator="kind")]
-Path = StillPath | WavedPath | CarriedPath
+Path = StillPath | WavedPath
 _OUT_OF_PLATE = np.array([0.0, 0.0, 1.0])
 
 

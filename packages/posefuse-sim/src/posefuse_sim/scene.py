@@ -22,7 +22,7 @@ from .body import BodyShapeSettings
 from .cameras import CameraSettings, placed_cameras
 from .motion import MotionSettings
 from .motion.settings import check_motion
-from .props import CarriedPath, PropSettings
+from .props import PropSettings
 from .surroundings import OccluderSettings, RoomSettings
 
 
@@ -114,17 +114,11 @@ def motion_files(scene: Scene) -> tuple[Path, ...]:
 
 
 def check_scene(scene: Scene) -> None:
-    """Raise ConfigError for names that are taken twice or stand for nothing, and settings of other kinds, before it is built."""
+    """Raise ConfigError for names that are taken twice, and settings of other kinds, before it is built."""
     _check_unique("cameras: name", [camera.name for camera in placed_cameras(scene.cameras)])
     _check_unique("props: name", [prop.name for prop in scene.props])
     for i, person in enumerate(scene.people):
         check_motion(person.motion, f"people.{i}.motion")
-    for prop in scene.props:
-        if isinstance(prop.path, CarriedPath) and prop.path.person >= len(scene.people):
-            raise ConfigError(
-                f"props: {prop.name}: path.person: no person {prop.path.person}; "
-                f"there are: {choices(str(i) for i in range(len(scene.people)))}"
-            )
 
 
 def _check_unique(what: str, names: list[str]) -> None:

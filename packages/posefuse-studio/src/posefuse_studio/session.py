@@ -56,8 +56,7 @@ class SessionStatus:
         people, names: ids of the people seen, and names that were given. person: whose angles, named `plots`, are shown.
         outputs: by name. wanted: those that were switched on. latency_p95_ms: None while it is not known.
         news, refused: newest lines of what happened, and of requests that could not be met.
-        target, words, enough, together: whether a target is looked for, what to do with it, whether what was seen of it is
-            enough, and moments that cameras share, see `TargetCoverage`.
+        words, enough: what to do with the target, and whether what was seen of it is enough.
     """
 
     cameras: dict[str, CameraStatus] = field(default_factory=dict)
@@ -72,10 +71,8 @@ class SessionStatus:
     latency_p95_ms: float | None = None
     news: list[str] = field(default_factory=list)
     refused: list[str] = field(default_factory=list)
-    target: bool = False
     words: str = ""
     enough: bool = False
-    together: list[list[int]] = field(default_factory=list)
 
 
 STATUS = "status"

@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import posefuse as pf
-from posefuse.core import InputError, PosefuseError
+from posefuse.core import InputError
 from posefuse.foundation.platform import usb_cameras
-from posefuse.foundation.plugins import from_package
 from posefuse_studio.calibrations import FOLDER
 from posefuse_studio.workspace import StudioWorkspace, check_name, read_stored, write_stored
 
@@ -117,14 +115,9 @@ class Found:
 
 
 def found_sources(workspace: StudioWorkspace) -> Iterator[Found]:
-    """Devices first, then videos and scenes of the workspace; without what a calibration has recorded."""
+    """Devices first, then videos of the workspace; without what a calibration has recorded."""
     for number, (device, text) in enumerate(usb_cameras().items(), 1):
         yield Found(text=f"{text} ({device})", source=f"usb:{device}", name=f"cam{number}", icon="videocam")
     for name in workspace.files(*VIDEOS):
         if not name.startswith(f"{FOLDER}/"):
             yield Found(text=name, source=f"video:{name}", name=Path(name).stem[:40], icon="movie")
-    for name in workspace.files(".yaml", ".yml"):
-        # some are other files
-        with suppress(PosefuseError):
-            for camera in from_package("sources", "simulated", extra="sim").cameras(workspace.existing(name)):
-                yield Found(text=f"{name}: {camera}", source=f"sim:{name}", name=camera, icon="view_in_ar")

@@ -152,7 +152,7 @@ def teleoperate(
 
     _check_used(robot, ros)
     if not source:
-        raise ConfigError("--source: expected one per camera, e.g. --source cam1=usb:0, or --source sim:SCENE.yaml")
+        raise ConfigError("--source: expected one per camera, e.g. --source cam1=usb:0, or --source sim:SESSION")
     plan = RosPlan(
         network=package_of_extra("posefuse_ros.dds_domain", "ros").Network(**ros_2.network) if ros.ros else None,
         base_frame=ros.base_frame,

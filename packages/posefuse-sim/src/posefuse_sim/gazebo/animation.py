@@ -1,4 +1,4 @@
-"""People and moving things as COLLADA actors: the skin, and the motion baked into keys.
+"""People as COLLADA actors: the skin, and the motion baked into keys.
 
 Between keys Gazebo turns each joint along the shortest turn and moves it on a straight line, in its parent. So keys are set
 so densely that this stays within a set distance of the true motion (`baked`).
@@ -18,7 +18,6 @@ from posefuse_sim.body import SimulatedBody
 from posefuse_sim.body.body import GROUPS
 from posefuse_sim.build import MovingPerson
 from posefuse_sim.motion.posture import slerp
-from posefuse_sim.props import BOX_TRIANGLES, Prop
 
 from .collada import MOST_WEIGHTS, ColladaSkeleton, Mesh, in_parent, joint_name
 
@@ -98,36 +97,6 @@ def person_actor(person: MovingPerson, duration_s: float, rate_hz: float) -> tup
     return _reaching(_body_mesh(body), skeleton, world_from_joint)
 
 
-def prop_actor(prop: Prop, poses_at: Callable[[Array], Array], duration_s: float, rate_hz: float) -> tuple[Mesh, ColladaSkeleton]:
-    """A moving thing: a mesh on one joint; `poses_at` gives its world poses (T, 4, 4). Raises ConfigError, see `baked`."""
-    mesh = prop_mesh(prop)
-    root = np.array([-1])
-    t_s, world_from_joint = baked(lambda t_s: poses_at(t_s)[:, None], root, duration_s, rate_hz)
-    # one joint holds every vertex
-    weight = np.zeros((len(mesh.vertices), MOST_WEIGHTS))
-    weight[:, 0] = 1.0
-    skeleton = ColladaSkeleton(
-        names=("thing",),
-        parent=root,
-        world_from_joint_rest=np.eye(4)[None],
-        index=np.zeros(weight.shape, np.int64),
-        weight=weight,
-        t_s=t_s,
-        parent_from_joint=world_from_joint,
-    )
-    return _reaching(mesh, skeleton, world_from_joint)
-
-
-def prop_mesh(prop: Prop) -> Mesh:
-    """A prop's mesh with its image, which has its name."""
-    normals = np.zeros_like(prop.vertices)
-    corners = prop.vertices[BOX_TRIANGLES]
-    # its vertices belong to one flat side each
-    normals[BOX_TRIANGLES] = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])[:, None]
-    normals = normals / np.linalg.norm(normals, axis=-1, keepdims=True)
-    return Mesh(vertices=prop.vertices, normals=normals, uv=prop.uv, parts={"print": (f"{prop.name}.png", BOX_TRIANGLES)})
-
-
 def _reaching(mesh: Mesh, skeleton: ColladaSkeleton, world_from_joint: Array) -> tuple[Mesh, ColladaSkeleton]:
     """The same with a speck of a triangle in every corner of the room that the motion takes up.
 
@@ -137,7 +106,7 @@ def _reaching(mesh: Mesh, skeleton: ColladaSkeleton, world_from_joint: Array) ->
     low, high = places.min(axis=0) - _AROUND_M, places.max(axis=0) + _AROUND_M
     corners = np.array([np.where(np.array(which) > 0, high, low) for which in np.ndindex(2, 2, 2)])
     specks = (corners[:, None] + _SPECK_M * np.eye(3)).reshape(-1, 3)
-    name, (look, faces) = next(iter(mesh.parts.items()))
+    name, (colour, faces) = next(iter(mesh.parts.items()))
     first = len(mesh.vertices)
     more = first + np.arange(len(specks)).reshape(-1, 3)
     held = np.zeros((len(specks), MOST_WEIGHTS))
@@ -145,8 +114,7 @@ def _reaching(mesh: Mesh, skeleton: ColladaSkeleton, world_from_joint: Array) ->
     larger = Mesh(
         vertices=np.concatenate([mesh.vertices, specks]),
         normals=np.concatenate([mesh.normals, np.tile(np.ones(3) / np.sqrt(3), (len(specks), 1))]),
-        uv=np.concatenate([mesh.uv, np.zeros((len(specks), 2))]),
-        parts={**mesh.parts, name: (look, np.concatenate([faces, more]))},
+        parts={**mesh.parts, name: (colour, np.concatenate([faces, more]))},
     )
     index = np.concatenate([skeleton.index, np.zeros(held.shape, np.int64)])
     return larger, replace(skeleton, index=index, weight=np.concatenate([skeleton.weight, held]))
@@ -176,7 +144,6 @@ def _four_weights(joint_of_bone: Array, joints: int, body: SimulatedBody) -> tup
 
 def _body_mesh(body: SimulatedBody) -> Mesh:
     group = body.colour_group[body.faces[:, 0]]
-    parts = {name: (tuple(body.colours[i].tolist()), body.faces[group == i]) for i, name in enumerate(GROUPS)}
+    parts = {name: (body.colours[i], body.faces[group == i]) for i, name in enumerate(GROUPS)}
     worn = {name: part for name, part in parts.items() if len(part[1])}
-    uv = np.zeros((len(body.vertices_rest), 2))
-    return Mesh(vertices=body.vertices_rest, normals=vertex_normals(body.vertices_rest, body.faces), uv=uv, parts=worn)
+    return Mesh(vertices=body.vertices_rest, normals=vertex_normals(body.vertices_rest, body.faces), parts=worn)

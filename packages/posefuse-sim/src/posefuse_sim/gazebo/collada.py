@@ -1,4 +1,4 @@
-"""COLLADA 1.4.1 (.dae): a textured mesh, and optionally the bones it is attached to with a baked animation.
+"""COLLADA 1.4.1 (.dae): a mesh in plain colours, the bones it is attached to, and a baked animation.
 
 Written for the strictest reader at hand, Gazebo's:
 
@@ -24,26 +24,21 @@ from posefuse.foundation.output_file import atomic_file
 
 MOST_WEIGHTS = 4
 _UP = "Z_UP"
-_COLOUR = "0 0 0 1"
-
-
-# what a part of a mesh looks like, matt: its image file, relative to the .dae, or red, green and blue in [0, 1]
-Look = str | tuple[float, ...]
+_BLACK = "0 0 0 1"
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Mesh:
-    """Triangles with one normal and one texture coordinate per vertex.
+    """Triangles with one normal per vertex.
 
     Attributes:
-        vertices: (V, 3) m. normals: (V, 3) unit vectors. uv: (V, 2) from the top left of the texture.
-        parts: name -> what the part looks like and its triangles (F, 3), counter-clockwise from outside.
+        vertices: (V, 3) m. normals: (V, 3) unit vectors.
+        parts: name -> red, green and blue in [0, 1] of a part, matt, and its triangles (F, 3), counter-clockwise from outside.
     """
 
     vertices: Array
     normals: Array
-    uv: Array
-    parts: Mapping[str, tuple[Look, Array]]
+    parts: Mapping[str, tuple[Array, Array]]
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -79,7 +74,7 @@ def in_parent(world_from_joint: Array, parent: Array) -> Array:
     return local
 
 
-def write_collada(path: Path, mesh: Mesh, skeleton: ColladaSkeleton | None = None) -> None:
+def write_collada(path: Path, mesh: Mesh, skeleton: ColladaSkeleton) -> None:
     """Write a mesh; raises InputError when the file cannot be written."""
     root = ElementTree.Element("COLLADA", xmlns="http://www.collada.org/2005/11/COLLADASchema", version="1.4.1")
     asset = _add(root, "asset")
@@ -89,53 +84,36 @@ def write_collada(path: Path, mesh: Mesh, skeleton: ColladaSkeleton | None = Non
     _add(asset, "modified", "2000-01-01T00:00:00")
     _add(asset, "unit", name="meter", meter="1")
     _add(asset, "up_axis", _UP)
-    _images_and_effects(root, mesh)
+    _effects(root, mesh)
     _geometry(root, mesh)
-    if skeleton is not None:
-        _controller(root, skeleton)
-        _animations(root, skeleton)
+    _controller(root, skeleton)
+    _animations(root, skeleton)
     _scene(root, mesh, skeleton)
     ElementTree.indent(root, "")
     with atomic_file(path) as staged:
         ElementTree.ElementTree(root).write(staged, encoding="utf-8", xml_declaration=True)
 
 
-def _images_and_effects(root: ElementTree.Element, mesh: Mesh) -> None:
-    pictures = {name: look for name, (look, _) in mesh.parts.items() if isinstance(look, str)}
-    if pictures:
-        images = _add(root, "library_images")
-        for name, file in pictures.items():
-            _add(_add(images, "image", id=f"{name}-image", name=f"{name}-image"), "init_from", file)
+def _effects(root: ElementTree.Element, mesh: Mesh) -> None:
     materials, effects = _add(root, "library_materials"), _add(root, "library_effects")
-    for name, (look, _) in mesh.parts.items():
+    for name, (colour, _) in mesh.parts.items():
         _add(_add(materials, "material", id=f"{name}-material", name=name), "instance_effect", url=f"#{name}-effect")
         profile = _add(_add(effects, "effect", id=f"{name}-effect"), "profile_COMMON")
-        if isinstance(look, str):
-            kind = _add(_add(profile, "newparam", sid=f"{name}-surface"), "surface", type="2D")
-            _add(kind, "init_from", f"{name}-image")
-            _add(_add(_add(profile, "newparam", sid=f"{name}-sampler"), "sampler2D"), "source", f"{name}-surface")
         shading = _add(_add(profile, "technique", sid="common"), "lambert")
-        _add(_add(shading, "emission"), "color", _COLOUR)
-        diffuse = _add(shading, "diffuse")
-        if isinstance(look, str):
-            _add(diffuse, "texture", texture=f"{name}-sampler", texcoord="UV")
-        else:
-            _add(diffuse, "color", f"{floats_text(np.array(look))} 1")
+        _add(_add(shading, "emission"), "color", _BLACK)
+        _add(_add(shading, "diffuse"), "color", f"{floats_text(colour)} 1")
 
 
 def _geometry(root: ElementTree.Element, mesh: Mesh) -> None:
     body = _add(_add(_add(root, "library_geometries"), "geometry", id="mesh", name="mesh"), "mesh")
-    # the file's texture coordinates grow upwards
-    sources = {"positions": ("XYZ", mesh.vertices), "normals": ("XYZ", mesh.normals), "uv": ("ST", mesh.uv * [1, -1] + [0, 1])}
-    for name, (axes, values) in sources.items():
-        _source(body, f"mesh-{name}", values, list(axes))
+    for name, values in (("positions", mesh.vertices), ("normals", mesh.normals)):
+        _source(body, f"mesh-{name}", values, list("XYZ"))
     _add(_add(body, "vertices", id="mesh-vertices"), "input", semantic="POSITION", source="#mesh-positions")
     for name, (_, faces) in mesh.parts.items():
         triangles = _add(body, "triangles", material=f"{name}-symbol", count=str(len(faces)))
         _add(triangles, "input", semantic="VERTEX", source="#mesh-vertices", offset="0")
         _add(triangles, "input", semantic="NORMAL", source="#mesh-normals", offset="1")
-        _add(triangles, "input", semantic="TEXCOORD", source="#mesh-uv", offset="2", set="0")
-        _add(triangles, "p", " ".join(map(str, np.repeat(faces.ravel(), 3))))
+        _add(triangles, "p", " ".join(map(str, np.repeat(faces.ravel(), 2))))
 
 
 def _controller(root: ElementTree.Element, skeleton: ColladaSkeleton) -> None:
@@ -169,19 +147,14 @@ def _animations(root: ElementTree.Element, skeleton: ColladaSkeleton) -> None:
         _add(moving, "channel", source=f"#{name}-sampled", target=f"{name}/transform")
 
 
-def _scene(root: ElementTree.Element, mesh: Mesh, skeleton: ColladaSkeleton | None) -> None:
+def _scene(root: ElementTree.Element, mesh: Mesh, skeleton: ColladaSkeleton) -> None:
     scene = _add(_add(root, "library_visual_scenes"), "visual_scene", id="scene", name="scene")
-    if skeleton is not None:
-        _joints(scene, skeleton)
-    shape = _add(scene, "node", id="shape", name="shape", type="NODE")
-    kind, source = ("instance_controller", "#skin") if skeleton is not None else ("instance_geometry", "#mesh")
-    instance = _add(shape, kind, url=source)
-    if skeleton is not None:
-        _add(instance, "skeleton", f"#{skeleton.names[0]}")
+    _joints(scene, skeleton)
+    instance = _add(_add(scene, "node", id="shape", name="shape", type="NODE"), "instance_controller", url="#skin")
+    _add(instance, "skeleton", f"#{skeleton.names[0]}")
     bound = _add(_add(instance, "bind_material"), "technique_common")
     for name in mesh.parts:
-        one = _add(bound, "instance_material", symbol=f"{name}-symbol", target=f"#{name}-material")
-        _add(one, "bind_vertex_input", semantic="UV", input_semantic="TEXCOORD", input_set="0")
+        _add(bound, "instance_material", symbol=f"{name}-symbol", target=f"#{name}-material")
     _add(_add(root, "scene"), "instance_visual_scene", url="#scene")
 
 

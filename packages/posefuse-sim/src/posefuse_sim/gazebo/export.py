@@ -1,7 +1,7 @@
 """A scene as a folder that Gazebo opens: world, meshes with baked motion, bridge to ROS 2, and the exact truth.
 
 DIR/world.sdf      everything that is seen, and the cameras
-DIR/meshes/        people, things, floor and walls as COLLADA, with their images
+DIR/meshes/        people as COLLADA
 DIR/bridge.yaml    clock, images and CameraInfo to ROS 2; DIR/launch.sh starts Gazebo and the bridge
 DIR/rig.toml       the cameras, with their lenses, as the images are after intake
 DIR/scene.yaml     every setting
@@ -10,36 +10,29 @@ DIR/truth/         `formats.truth` at simulation times, loop.json: when the moti
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import partial
 from pathlib import Path
-from string import Template
 from typing import Any
 
 import numpy as np
 import yaml
 
 from posefuse.core import ConfigError, Rig
-from posefuse.core.arrays import Array
 from posefuse.core.ideal_image import drawn_camera
-from posefuse.core.se3 import SE3
-from posefuse.formats.npz import write_arrays
 from posefuse.formats.rig import write_rig
 from posefuse.foundation.output_folder import output_folder
 from posefuse.foundation.parsing import ros_name
 from posefuse.foundation.summary import Block, Facts, Heading, Note
 from posefuse_sim.build import LiveScene, live_scene
 from posefuse_sim.cameras import ListedCameras, SensorSettings, placed_cameras
-from posefuse_sim.exact import prop_truth, truth_with, visible_to_all
+from posefuse_sim.exact import truth_with, visible_to_all
 from posefuse_sim.files import write_loop, write_truth
-from posefuse_sim.props import StillPath
-from posefuse_sim.render.textures import png
 from posefuse_sim.scene import Scene, motion_files, write_scene
 
-from .animation import person_actor, prop_actor, prop_mesh
+from .animation import person_actor
 from .collada import write_collada
-from .world import MESHES, Release, image_topic, mesh_file, picture_file, release_named, room_parts, world_text
+from .world import MESHES, image_topic, mesh_file, world_text
 
 _COMMAND = "simulate --gazebo"
 _EXECUTABLE = 0o755
@@ -56,7 +49,7 @@ class GazeboWorld:
 
     Attributes:
         folder: where. rig: the cameras. people: number of actors that are persons. loop_s: when the motion starts again.
-        left_out: what of the scene Gazebo cannot show, in words. release: of Gazebo that it is for.
+        left_out: what of the scene Gazebo cannot show, in words.
     """
 
     folder: Path
@@ -64,7 +57,6 @@ class GazeboWorld:
     people: int
     loop_s: float
     left_out: tuple[str, ...]
-    release: str = "harmonic"
 
     @property
     def figures(self) -> dict[str, Any]:
@@ -81,7 +73,6 @@ class GazeboWorld:
     def summary(self) -> list[Block]:
         """What was written and what was left out, for people."""
         facts = {
-            "for": self.release,
             "cameras": ", ".join(self.rig.names),
             "people": self.people,
             "motion": f"{self.loop_s:g} s, again and again",
@@ -91,24 +82,16 @@ class GazeboWorld:
         return [*(Note(line, warning=True) for line in self.left_out), Heading("Gazebo world"), Facts(facts)]
 
 
-def export_world(
-    scene: Scene,
-    out: Path,
-    *,
-    release: str = "harmonic",
-    replace_older: bool = False,
-) -> GazeboWorld:
+def export_world(scene: Scene, out: Path, *, replace_older: bool = False) -> GazeboWorld:
     """Write a scene as a Gazebo world into the folder `out`.
 
     Args:
-        release: of Gazebo: ``fortress``, ``harmonic`` or ``jetty``: the names of plug-ins differ.
         replace_older: an earlier world that posefuse wrote and that is unchanged is replaced.
 
     Raises:
         ConfigError: the scene cannot be, or not in Gazebo. InputError: `out` holds anything else or cannot be written.
         DependencyError: the extra ``sim`` is missing.
     """
-    names = release_named(release)
     shown, left_out = shown_scene(scene)
     per_frame = int(np.ceil(_TRUTH_HZ / shown.rate_hz))
     live = live_scene(replace(shown, rate_hz=shown.rate_hz * per_frame))
@@ -117,10 +100,9 @@ def export_world(
         folder = made.folder
         (folder / MESHES).mkdir()
         actors = _actors(live, shown.rate_hz, folder)
-        models = _still_models(live, folder)
-        _write(folder, "world.sdf", world_text(names, live, models=models, actors=actors, cameras=drawn))
-        _write(folder, "bridge.yaml", bridge_text(names, live.rig.names))
-        _write(folder, "launch.sh", _LAUNCH.substitute(program=names.command.split()[0], command=names.command))
+        _write(folder, "world.sdf", world_text(live, actors=actors, cameras=drawn))
+        _write(folder, "bridge.yaml", bridge_text(live.rig.names))
+        _write(folder, "launch.sh", _LAUNCH)
         (folder / "launch.sh").chmod(_EXECUTABLE)
         write_scene(shown, folder)
         write_rig(folder / "rig.toml", live.rig)
@@ -131,7 +113,6 @@ def export_world(
         people=len(live.people),
         loop_s=shown.duration_s,
         left_out=tuple(left_out),
-        release=release,
     )
 
 
@@ -141,45 +122,16 @@ def _write(folder: Path, name: str, text: str) -> None:
 
 def _write_truth(live: LiveScene, folder: Path) -> None:
     folder.mkdir()
-    visible = visible_to_all(live)
-    write_truth(folder / "truth.npz", truth_with(live, visible))
+    write_truth(folder / "truth.npz", truth_with(live, visible_to_all(live)))
     write_loop(folder, round(live.scene.duration_s * 1e9))
-    if live.props:
-        write_arrays(folder / "props.npz", prop_truth(live, visible))
 
 
 def _actors(live: LiveScene, rate_hz: float, folder: Path) -> list[str]:
-    """Everything that moves, written: the name of each."""
-    moving = [(f"person{i}", partial(person_actor, person)) for i, person in enumerate(live.people)]
-    for i, prop in enumerate(live.props):
-        if not isinstance(prop.path, StillPath):
-            _write_picture(folder, prop.name, prop.texture)
-            moving.append((prop.name, partial(prop_actor, prop, _prop_poses(live, i))))
-    for name, actor in moving:
-        write_collada(folder / mesh_file(name), *actor(live.scene.duration_s, rate_hz))
-    return [name for name, _ in moving]
-
-
-def _prop_poses(live: LiveScene, i: int) -> Callable[[Array], Array]:
-    return lambda t_s: live.prop_poses(t_s)[i].matrix4()
-
-
-def _still_models(live: LiveScene, folder: Path) -> list[tuple[str, SE3]]:
-    """Floor, walls and the props that do not move, written: name and pose of each."""
-    room = room_parts(live.scene.room, live.room_size_m, live.scene.seed)
-    parts = [(*part, SE3.identity()) for part in room]
-    for i, prop in enumerate(live.props):
-        if isinstance(prop.path, StillPath):
-            pose: SE3 = live.prop_poses(np.zeros(1))[i][0]
-            parts.append((prop.name, prop.texture, prop_mesh(prop), pose))
-    for name, picture, mesh, _ in parts:
-        _write_picture(folder, name, picture)
-        write_collada(folder / mesh_file(name), mesh)
-    return [(name, pose) for name, _, _, pose in parts]
-
-
-def _write_picture(folder: Path, name: str, picture: Array) -> None:
-    (folder / picture_file(name)).write_bytes(png(picture))
+    """The people, written: the name of each."""
+    names = [f"person{i}" for i in range(len(live.people))]
+    for name, person in zip(names, live.people, strict=True):
+        write_collada(folder / mesh_file(name), *person_actor(person, live.scene.duration_s, rate_hz))
+    return names
 
 
 def shown_scene(scene: Scene) -> tuple[Scene, list[str]]:
@@ -204,8 +156,10 @@ def shown_scene(scene: Scene) -> tuple[Scene, list[str]]:
         cameras.append(replace(camera, sensor=kept))
     if scene.start_s:
         left_out.append(f"start_s: simulation time begins at 0, not at {scene.start_s:g} s")
+    if scene.props:
+        left_out.append(f"props: {', '.join(prop.name for prop in scene.props)}: rig.toml is exact; left out")
     listed = ListedCameras(kind="list", cameras=tuple(cameras))
-    return replace(scene, cameras=listed, duration_s=duration_s, start_s=0.0), left_out
+    return replace(scene, cameras=listed, props=(), duration_s=duration_s, start_s=0.0), left_out
 
 
 def _set(sensor: SensorSettings, kept: SensorSettings) -> list[str]:
@@ -214,30 +168,30 @@ def _set(sensor: SensorSettings, kept: SensorSettings) -> list[str]:
     return [name for name, value in vars(sensor).items() if name not in silent and value != getattr(kept, name)]
 
 
-_LAUNCH = Template("""\
+_LAUNCH = """\
 #!/bin/sh
 # Starts Gazebo with this world, and the bridge that brings its images and its clock to ROS 2. Ctrl-C ends both.
 #   ./launch.sh              with Gazebo's window
 #   ./launch.sh --headless   without a screen
-cd "$$(dirname "$$0")" || exit 1
-case "$$1" in
+cd "$(dirname "$0")" || exit 1
+case "$1" in
   "") shown="" ;;
   --headless) shown="-s --headless-rendering" ;;
-  *) echo "usage: $$0 [--headless]" >&2; exit 2 ;;
+  *) echo "usage: $0 [--headless]" >&2; exit 2 ;;
 esac
-for program in ${program} ros2; do
-  command -v "$$program" >/dev/null || { echo "$$program: not found; see docs/gazebo.md of posefuse" >&2; exit 1; }
+for program in gz ros2; do
+  command -v "$program" >/dev/null || { echo "$program: not found; see docs/gazebo.md of posefuse" >&2; exit 1; }
 done
 # shellcheck disable=SC2086
-${command} -r $$shown world.sdf &
-simulator=$$!
-trap 'kill $$simulator 2>/dev/null' EXIT
+gz sim -r $shown world.sdf &
+simulator=$!
+trap 'kill $simulator 2>/dev/null' EXIT
 trap 'exit 130' INT TERM
-ros2 run ros_gz_bridge parameter_bridge --ros-args -p config_file:="$$PWD/bridge.yaml"
-""")
+ros2 run ros_gz_bridge parameter_bridge --ros-args -p config_file:="$PWD/bridge.yaml"
+"""
 
 
-def bridge_text(release: Release, cameras: Sequence[str]) -> str:
+def bridge_text(cameras: Sequence[str]) -> str:
     """The configuration of `ros_gz_bridge`: clock, images and CameraInfo, from Gazebo to ROS only."""
     topics = [("/clock", "rosgraph_msgs/msg/Clock", "Clock")]
     for name in cameras:
@@ -248,7 +202,7 @@ def bridge_text(release: Release, cameras: Sequence[str]) -> str:
             "ros_topic_name": topic,
             "gz_topic_name": topic,
             "ros_type_name": ros_type,
-            "gz_type_name": release.message.format(message),
+            "gz_type_name": f"gz.msgs.{message}",
             "direction": "GZ_TO_ROS",
         }
         for topic, ros_type, message in topics

@@ -1,4 +1,4 @@
-"""A scene as an SDF 1.9 world: light, room, occluders, things, people, cameras.
+"""A scene as an SDF 1.9 world: light, room, occluders, people, cameras.
 
 **Axes.** A Gazebo camera looks along its own +X, with +Y to the left and +Z up; ours is OpenCV's (x right, y down, z forward).
 
@@ -13,15 +13,13 @@ is exported as an ideal camera wide enough for all that the lens sees (`core.ide
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
 from typing import Any
 from xml.etree import ElementTree
 
 import numpy as np
 
-from posefuse.core import SE3, Camera, ConfigError
+from posefuse.core import SE3, Camera
 from posefuse.core.arrays import Array
-from posefuse.core.errors import choices
 from posefuse.foundation.parsing import ros_name
 from posefuse_sim.build import LiveScene
 from posefuse_sim.cameras import SensorSettings
@@ -29,7 +27,7 @@ from posefuse_sim.render import textures
 from posefuse_sim.render.model import AMBIENT, FILL, FILL_DIRECTIONS, LAMP, lamp_height_m
 from posefuse_sim.surroundings import Box, RoomSettings
 
-from .collada import Mesh, floats_text
+from .collada import floats_text
 
 SDF_VERSION = "1.9"
 WORLD = "posefuse"
@@ -43,13 +41,8 @@ MESHES = "meshes"
 
 
 def mesh_file(name: str) -> str:
-    """Where the mesh of a thing or a person lies, from the world file."""
+    """Where the mesh of a person lies, from the world file."""
     return f"{MESHES}/{name}.dae"
-
-
-def picture_file(name: str) -> str:
-    """Where the image on a thing lies, from the world file."""
-    return f"{MESHES}/{name}.png"
 
 
 def image_topic(camera: str) -> str:
@@ -57,26 +50,19 @@ def image_topic(camera: str) -> str:
     return f"/{ros_name(camera)}/image"
 
 
-def world_text(
-    release: Release,
-    live: LiveScene,
-    *,
-    models: Sequence[tuple[str, SE3]],
-    actors: Sequence[str],
-    cameras: Sequence[Camera],
-) -> str:
+def world_text(live: LiveScene, *, actors: Sequence[str], cameras: Sequence[Camera]) -> str:
     """The world file.
 
     Args:
-        live: whose lights, boxes and sensors, each with a rate of its own. models: name and pose of what stands still.
-        actors: names of what moves. cameras: the ideal ones that are drawn, in the order of the rig.
+        live: whose room, lights, boxes and sensors, each with a rate of its own. actors: names of what moves.
+        cameras: the ideal ones that are drawn, in the order of the rig.
     """
     children = [
         # nothing falls or collides: time passes as fast as images are drawn, at most as fast as the clock
         ("physics", {"@name": "steps", "@type": "ignored", "max_step_size": _numbers(_STEP_S), "real_time_factor": "1"}),
-        *(("plugin", _plugin(release, *system)) for system in _SYSTEMS),
+        *(("plugin", _plugin(*system)) for system in _SYSTEMS),
         *_lights(live.scene.room, lamp_height_m(live.scene.room, live.room_size_m)),
-        *(("model", _still(name, pose)) for name, pose in models),
+        *(("model", _box(name, box)) for name, box in room_boxes(live.scene.room, live.room_size_m, live.scene.seed)),
         *(("model", _box(f"occluder{i}", box)) for i, box in enumerate(live.boxes)),
         *(("actor", _actor(name)) for name in actors),
         *(("model", _camera(camera, placed.sensor)) for camera, placed in zip(cameras, live.placed, strict=True)),
@@ -105,9 +91,9 @@ def _fill(element: ElementTree.Element, content: Content) -> None:
             _fill(ElementTree.SubElement(element, tag), part)
 
 
-def _plugin(release: Release, system: str, name: str) -> Content:
+def _plugin(system: str, name: str) -> Content:
     engine = {"render_engine": "ogre2"} if name == "Sensors" else {}
-    return {"@filename": release.plugin.format(system), "@name": release.system.format(name), **engine}
+    return {"@filename": f"gz-sim-{system}-system", "@name": f"gz::sim::systems::{name}", **engine}
 
 
 def _lights(room: RoomSettings, lamp_m: float) -> list[tuple[str, Content]]:
@@ -130,19 +116,11 @@ def _shine(level: float, shadows: str, direction: tuple[float, float, float]) ->
     return {"cast_shadows": shadows, "diffuse": _grey(level), "specular": _grey(0.0), "direction": _numbers(direction)}
 
 
-def _still(name: str, pose: SE3) -> Content:
-    matt = {"albedo_map": picture_file(name), "metalness": "0", "roughness": "1"}
-    return _shown(name, pose, {"mesh": {"uri": mesh_file(name)}}, _grey(1.0), {"pbr": {"metal": matt}})
-
-
 def _box(name: str, box: Box) -> Content:
-    return _shown(name, box.world_from_box, {"box": {"size": _numbers(2 * box.half_m)}}, f"{_numbers(box.colour)} 1", {})
-
-
-def _shown(name: str, pose: SE3, shape: Content, colour: str, looks: dict[str, Any]) -> Content:
-    """A model that is seen."""
-    material = {"ambient": colour, "diffuse": colour, "specular": _grey(0.0), **looks}
-    return _static(name, pose, {"visual": {"@name": "visual", "geometry": shape, "material": material}})
+    colour = f"{_numbers(box.colour)} 1"
+    material = {"ambient": colour, "diffuse": colour, "specular": _grey(0.0)}
+    visual = {"@name": "visual", "geometry": {"box": {"size": _numbers(2 * box.half_m)}}, "material": material}
+    return _static(name, box.world_from_box, {"visual": visual})
 
 
 def _static(name: str, pose: SE3, held: dict[str, Any]) -> Content:
@@ -196,39 +174,6 @@ def _numbers(values: float | Sequence[float] | Array) -> str:
     return floats_text(values, digits=15)
 
 
-@dataclass(frozen=True, kw_only=True)
-class Release:
-    """One release.
-
-    Attributes:
-        plugin: file name of a system plug-in, with ``{}`` for the system. system: class name, likewise.
-        message: type name of a message, likewise. command: that starts the simulator.
-    """
-
-    plugin: str
-    system: str
-    message: str
-    command: str
-
-
-_GZ = {"plugin": "gz-sim-{}-system", "system": "gz::sim::systems::{}", "message": "gz.msgs.{}", "command": "gz sim"}
-RELEASES = {
-    "fortress": Release(
-        plugin="ignition-gazebo-{}-system", system="ignition::gazebo::systems::{}", message="ignition.msgs.{}",
-        command="ign gazebo",
-    ),
-    "harmonic": Release(**_GZ),
-    "jetty": Release(**_GZ),
-}  # fmt: skip
-
-
-def release_named(name: str) -> Release:
-    """The release of this name; ConfigError lists those there are."""
-    if name not in RELEASES:
-        raise ConfigError(f"gazebo: no release {name!r}; there are: {choices(RELEASES)}")
-    return RELEASES[name]
-
-
 CENTRE_PX = 0.5
 # columns: Gazebo's forward, left, up in our camera axes
 CAM_FROM_LINK = np.array([[0.0, -1, 0], [0, 0, -1], [1, 0, 0]])
@@ -240,51 +185,24 @@ def world_from_link(camera: Camera) -> SE3:
     return SE3.from_matrix(world_from_cam.matrix() @ CAM_FROM_LINK, world_from_cam.xyz)
 
 
-_UP = np.array([0.0, 0.0, 1.0])
+# of what stands for the floor and the walls
+_THICK_M = 0.05
 
 
-def room_parts(room: RoomSettings, size_m: tuple[float, float], seed: int) -> Iterator[tuple[str, Array, Mesh]]:
-    """Floor and walls: name, image and mesh of each; the mesh shows the image file of that name."""
+def room_boxes(room: RoomSettings, size_m: tuple[float, float], seed: int) -> Iterator[tuple[str, Box]]:
+    """Floor and walls, each a board around the room in the mean colour of its picture."""
     rng = np.random.default_rng([seed, 32])
-    yield "room_floor", textures.floor_picture(room.floor, rng), _shown_on("room_floor", *_floor(size_m))
-    for i, (corner, along) in enumerate(_walls(size_m) if room.walls != "none" else ()):
-        picture = textures.wall_picture(room.walls, float(np.linalg.norm(along)), room.height_m, rng)
-        yield f"room_wall{i}", picture, _shown_on(f"room_wall{i}", *_rectangle(corner, along, room.height_m * _UP))
+    half_x, half_y, half_z = size_m[0] / 2, size_m[1] / 2, room.height_m / 2
+    yield "room_floor", _board((half_x, half_y, _THICK_M), (0.0, 0.0, -_THICK_M), textures.floor_picture(room.floor, rng))
+    if room.walls == "none":
+        return
+    for i, (side, sign) in enumerate(((0, 1.0), (1, -1.0), (0, -1.0), (1, 1.0))):
+        half, centre = np.array([half_x, half_y, half_z]), np.array([0.0, 0.0, half_z])
+        half[side], centre[side] = _THICK_M, sign * ((half_x, half_y)[side] + _THICK_M)
+        picture = textures.wall_picture(room.walls, size_m[1 - side], room.height_m, rng)
+        yield f"room_wall{i}", _board(half, centre, picture)
 
 
-def _shown_on(name: str, vertices: Array, uv: Array, faces: Array) -> Mesh:
-    """A flat mesh that shows an image."""
-    normal = np.cross(vertices[1] - vertices[0], vertices[2] - vertices[0])
-    normals = np.tile(normal / np.linalg.norm(normal), (len(vertices), 1))
-    return Mesh(vertices=vertices, normals=normals, uv=uv, parts={"picture": (f"{name}.png", faces)})
-
-
-def _floor(size_m: tuple[float, float]) -> tuple[Array, Array, Array]:
-    """Tiles of one image each, cut off at the edge: nothing depends on how a renderer repeats images."""
-    tile = textures.FLOOR_TILE_M
-    edges = [np.concatenate([np.arange(-side / 2, side / 2 - 1e-9, tile), [side / 2]]) for side in size_m]
-    parts = []
-    for x0, x1 in zip(edges[0][:-1], edges[0][1:], strict=True):
-        for y0, y1 in zip(edges[1][:-1], edges[1][1:], strict=True):
-            vertices, uv, faces = _rectangle(np.array([x0, y0, 0.0]), np.array([x1 - x0, 0, 0]), np.array([0, y1 - y0, 0]))
-            bottom_left = np.array([0.0, 1.0])
-            parts.append((vertices, bottom_left + (uv - bottom_left) * [(x1 - x0) / tile, (y1 - y0) / tile], faces))
-    count = len(parts[0][0])
-    return (
-        np.concatenate([part[0] for part in parts]),
-        np.concatenate([part[1] for part in parts]),
-        np.concatenate([part[2] + count * i for i, part in enumerate(parts)]),
-    )
-
-
-def _walls(size_m: tuple[float, float]) -> list[tuple[Array, Array]]:
-    """Lower left corner and direction along each wall as seen from inside, in the order of `render.model`."""
-    x, y = size_m[0] / 2, size_m[1] / 2
-    corners = [np.array([*corner, 0.0]) for corner in ((x, -y), (-x, -y), (-x, y), (x, y))]
-    return [(corner, corners[(i + 1) % 4] - corner) for i, corner in enumerate(corners)]
-
-
-def _rectangle(corner: Array, right: Array, up: Array) -> tuple[Array, Array, Array]:
-    """An image of its own: vertices (4, 3), uv (4, 2) from the image's top left, faces (2, 3) seen from right x up."""
-    vertices = np.array([corner, corner + right, corner + right + up, corner + up])
-    return vertices, np.array([[0.0, 1], [1, 1], [1, 0], [0, 0]]), np.array([[0, 1, 2], [0, 2, 3]])
+def _board(half_m: Sequence[float] | Array, centre_m: Sequence[float] | Array, picture: Array) -> Box:
+    red, green, blue = (picture.mean(axis=(0, 1)) / _GREY_LEVELS).tolist()
+    return Box(np.array(half_m), SE3.from_rotvec(np.zeros(3), np.array(centre_m)), (red, green, blue))

@@ -153,7 +153,6 @@ def _half_twisted(body: SimulatedBody, side: str, upper: Array, lower: Array) ->
 
 _SOLE_M = 0.05
 _SOFT_S = 0.12
-_TOUCHING_PERCENT = 10.0
 _BALL_ON_FLOOR_M = 0.045
 _TOES_UP_MOST_RAD = np.deg2rad(65.0)
 
@@ -174,17 +173,13 @@ def posture_between(t_s: Array, samples: BodyPosture, at_s: Array, loop: bool) -
     return BodyPosture(CubicSpline(t_s, samples.centre_world)(at), axes, toes)
 
 
-def on_floor(body: SimulatedBody, t_s: Array, motion: BodyPosture, floor_known: bool) -> BodyPosture:
-    """The motion at times (n,) raised smoothly wherever a foot would be below the floor, toes flat under a raised heel.
-
-    Without a known floor the whole motion is first shifted so that the lowest feet, most of the time, just touch it.
-    """
+def on_floor(body: SimulatedBody, t_s: Array, motion: BodyPosture) -> BodyPosture:
+    """The motion at times (n,) raised smoothly wherever a foot would be below the floor, toes flat under a raised heel."""
     low, balls = _foot_heights_m(body, motion)
-    shift = 0.0 if floor_known else -float(np.percentile(low.min(axis=1), _TOUCHING_PERCENT))
     step_s = float(np.median(np.diff(t_s)))
     reach = max(1, round(_SOFT_S / step_s))
-    need = maximum_filter1d(np.maximum(-(low.min(axis=1) + shift), 0.0), 4 * reach + 1, mode="nearest")
-    rise = gaussian_filter1d(need, reach / 2, mode="nearest", truncate=4.0) + shift
+    need = maximum_filter1d(np.maximum(-low.min(axis=1), 0.0), 4 * reach + 1, mode="nearest")
+    rise = gaussian_filter1d(need, reach / 2, mode="nearest", truncate=4.0)
     near = np.clip(1 - (balls + rise[:, None] - _BALL_ON_FLOOR_M) / _BALL_ON_FLOOR_M, 0.0, 1.0)
     pitch = np.stack([np.arcsin(np.clip(motion.axes_world[f"{side}_foot"][:, 2, 0], -1, 1)) for side in SIDES], axis=-1)
     toes = near * np.clip(-pitch, 0.0, _TOES_UP_MOST_RAD)

@@ -23,28 +23,24 @@ class StandSettings:
 
     Attributes:
         kind: ``tpose``: the arms exactly horizontal. ``idle``: at ease: sways, breathes, looks about. ``reach``: reaches for one
-            point after another, drawn by the seed, in front of the shoulder. ``hand_path``: moves one wrist along a path, as
-            the operator of a robot does. ``squat``: again and again. ``wave``: with one hand. ``overhead``: raises both arms
-            above the head and lowers them. ``sit``: sits down on something as high as the knee, which is not drawn, and gets up.
-            ``turn``: to the left on the spot, step by step.
+            point after another, drawn by the seed, in front of the shoulder. ``squat``: again and again. ``wave``: with one
+            hand. ``overhead``: raises both arms above the head and lowers them. ``sit``: sits down on something as high as the
+            knee, which is not drawn, and gets up. ``turn``: to the left on the spot, step by step.
         position_m: x, y on the floor between the feet (turn: at time 0). heading_deg: where the person faces.
-        side: the arm of reach, hand_path and wave.
+        side: the arm of reach and wave.
         period_s: from one reach, squat, wave, raising of the arms or standing to the next, or of a whole turn; None: 3 s (reach,
             overhead), 4 s (squat), 0.9 s (wave), 6 s (sit, turn).
-        sway: of idle, reach, hand_path and wave: 1 is a healthy adult's, 0 stands like a statue.
+        sway: of idle, reach and wave: 1 is a healthy adult's, 0 stands like a statue.
         knee_flexion_deg: deepest of a squat, 20 to 120.
-        path: of hand_path: rows of time in s and the wrist's place from the floor point between the feet, m: ahead, left, up.
-            Between two rows the hand moves straight with minimum jerk; before the first and after the last it rests.
     """
 
-    kind: Literal["tpose", "idle", "reach", "hand_path", "squat", "wave", "overhead", "sit", "turn"]
+    kind: Literal["tpose", "idle", "reach", "squat", "wave", "overhead", "sit", "turn"]
     position_m: Place = (0.0, 0.0)
     heading_deg: float = 0.0
     side: Side = "right"
     period_s: Seconds | None = None
     sway: Annotated[float, Ge(0), Le(3)] = 1.0
     knee_flexion_deg: Annotated[float, Ge(20), Le(120)] = 95.0
-    path: tuple[tuple[float, float, float, float], ...] = ()
 
 
 @settings
@@ -123,24 +119,20 @@ class WalkSettings:
 
 @settings
 class RecordedSettings:
-    """Motion from a file: a BVH file, the markers or keypoints of a TRC file, or a recorded posefuse result (Real2Sim).
+    """Motion from a file: the markers or keypoints of a TRC file, or a recorded posefuse result (Real2Sim).
 
     Attributes:
-        kind: ``bvh``: joints by CMU, Mixamo or common names. ``trc``: by the markers that `points` names. ``result``: a folder.
+        kind: ``trc``: by markers with the names of our keypoints, or OpenPose's. ``result``: a folder.
         file: the file or folder. up: the vertical axis of a TRC file. person: which id of a result; None: the one seen longest.
-        position_m: where the pelvis is at the start; None keeps the place of a TRC file or result, and is the origin for a BVH
-            file.
-        heading_deg: where a BVH file's pelvis faces at its start; None keeps the file's own heading (+Z of the file, Y up, is
-            world +X).
+        position_m: where the pelvis is at the start; None keeps the place of the file or result.
         start_s: the file's time shown at time 0. loop: start again at the end; otherwise the last pose stays.
     """
 
-    kind: Literal["bvh", "trc", "result"]
+    kind: Literal["trc", "result"]
     file: str
     up: Literal["y", "z"] = "y"
     person: int | None = None
     position_m: Place | None = None
-    heading_deg: float | None = None
     start_s: Annotated[float, Ge(0)] = 0.0
     loop: bool = False
 
@@ -150,13 +142,11 @@ MotionSettings = Annotated[StandSettings | WalkSettings | RecordedSettings, Fiel
 _OWN = {
     "idle": ("sway",),
     "reach": ("side", "period_s", "sway"),
-    "hand_path": ("side", "sway", "path"),
     "squat": ("period_s", "knee_flexion_deg"),
     "wave": ("side", "period_s", "sway"),
     "overhead": ("period_s",),
     "sit": ("period_s",),
     "turn": ("period_s",),
-    "bvh": ("heading_deg",),
     "trc": ("up",),
     "result": ("person",),
 }
@@ -164,7 +154,7 @@ _SHARED = ("kind", "file", "position_m", "start_s", "loop")
 
 
 def check_motion(motion: StandSettings | WalkSettings | RecordedSettings, where: str) -> None:
-    """Raise ConfigError for a setting of another kind of motion, or a missing path; `where` begins the message."""
+    """Raise ConfigError for a setting of another kind of motion; `where` begins the message."""
     if isinstance(motion, WalkSettings):
         return
     usual = {field.name: field.default for field in fields(motion)}
@@ -172,5 +162,3 @@ def check_motion(motion: StandSettings | WalkSettings | RecordedSettings, where:
     for name, value in vars(motion).items():
         if name not in own and value != usual[name]:
             raise ConfigError(f"{where}.{name}: {motion.kind} has none; there are: {choices(sorted(own & usual.keys()))}")
-    if motion.kind == "hand_path" and not motion.path:
-        raise ConfigError(f"{where}.path: missing")

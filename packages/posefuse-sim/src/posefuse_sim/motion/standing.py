@@ -1,4 +1,4 @@
-"""Motions on planted feet: at ease, squatting, sitting down, turning on the spot; one hand waving, reaching, on a path."""
+"""Motions on planted feet: at ease, squatting, sitting down, turning on the spot; one hand waving, reaching."""
 
 from __future__ import annotations
 
@@ -7,21 +7,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from posefuse.core import ConfigError
 from posefuse.core.arrays import Array
-from posefuse.core.skeleton import ANATOMICAL23, SIDES
+from posefuse.core.skeleton import SIDES
 from posefuse_sim.body import SimulatedBody, rotation_of
 from posefuse_sim.body.anatomy import turn, unit_vectors
 
-from .posture import (
-    EASY_PRONATION_RAD,
-    BodyPosture,
-    arm_axes,
-    bend_arm,
-    bones_of,
-    leg_axes,
-    lengths_m,
-)
+from .posture import EASY_PRONATION_RAD, BodyPosture, arm_axes, bend_arm, leg_axes, lengths_m
 from .settings import StandSettings
 
 AXES_LEVEL = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])
@@ -34,9 +25,6 @@ _EASY_ELBOW_RAD = np.deg2rad(16.0)
 _HAND_PRONATION_RAD = np.deg2rad(110.0)
 # sines of the small movements of a standing person
 _PARTIALS = 6
-# the shoulder girdle follows the arm, and the arm the girdle: each round leaves about a fifth of the error
-_GIRDLE_ROUNDS = 8
-_OFF_PATH_M = 0.002
 _RAISED_RAD = np.deg2rad(165.0)
 # of one period of sitting: standing, going down, seated, getting up
 _DOWN_AT, _SEATED_AT, _UP_AT = 0.1, 0.38, 0.68
@@ -165,24 +153,14 @@ def straight_up(stander: Stander, count: int) -> Stance:
 
 
 def standing_motion(body: SimulatedBody, settings: StandSettings, seed: int) -> Callable[[Array], BodyPosture]:
-    """Postures at times (T,).
-
-    Raises:
-        ConfigError: a path whose times do not increase, or that is out of the reach of the arm.
-    """
+    """Postures at times (T,)."""
     stander = Stander(body=body, settings=settings, seed=seed)
-    stance = _STANCES[settings.kind]
 
     def posture(t_s: Array) -> BodyPosture:
-        return _standing_posture(*stance(stander, t_s))
+        centre, axes = _STANCES[settings.kind](stander, t_s)
+        return BodyPosture(centre, axes, np.zeros((len(t_s), 2)))
 
-    if settings.kind == "hand_path":
-        _check_reach(stander, posture)
     return posture
-
-
-def _standing_posture(centre: Array, axes: dict[str, Array]) -> BodyPosture:
-    return BodyPosture(centre, axes, np.zeros((len(centre), 2)))
 
 
 def _tpose(stander: Stander, t_s: Array) -> Stance:
@@ -304,63 +282,6 @@ def _reach(stander: Stander, t_s: Array) -> Stance:
     return centre, axes | _reaching_arm(stander.body, axes, side, out, target)
 
 
-def _hand_path(stander: Stander, t_s: Array) -> Stance:
-    """The wrist at the points of a path at their times, by minimum-jerk moves between them; all the rest of the body at ease."""
-    times_s, places = _path(stander)
-    centre, axes = _idle(stander, t_s)
-    return centre, _with_wrist_at(stander, centre, axes, waypoint_path(times_s, places, t_s))
-
-
-def _path(stander: Stander) -> tuple[Array, Array]:
-    """Times (N,) of the rows of a hand's path, and their places (N, 3) in the world."""
-    rows, base = np.array(stander.settings.path, np.float64), stander.base()
-    # X ahead, Y up, Z right -> ahead, left, up
-    return rows[:, 0], stander.ground + rows[:, 1:] @ np.stack([base[:, 0], -base[:, 2], base[:, 1]])
-
-
-def waypoint_path(t_s: Array, places: Array, at_s: Array) -> Array:
-    """(T, 3) at times (T,) between places (N, 3) at times (N,): minimum-jerk moves, at rest before and after them."""
-    i = np.clip(np.searchsorted(t_s, at_s, side="right") - 1, 0, len(t_s) - 1)
-    after = np.minimum(i + 1, len(t_s) - 1)
-    lasts = np.where(after > i, t_s[after] - t_s[i], 1.0)
-    share = minimum_jerk((at_s - t_s[i]) / lasts) * (after > i)
-    return np.asarray(places[i] + share[:, None] * (places[after] - places[i]))
-
-
-def _with_wrist_at(stander: Stander, centre: Array, axes: dict[str, Array], wanted: Array) -> dict[str, Array]:
-    """The axes with the arm, and the shoulder girdle after it, so that the wrist is at (T, 3)."""
-    body, side = stander.body, stander.settings.side
-    lengths = lengths_m(body, side, "arm")
-    thorax = axes["thorax"]
-    outward = thorax[..., 2] * (1.0 if side == "right" else -1.0)
-    elbow_side = unit_vectors(-thorax[..., 1] * 0.9 + outward * 0.45 - thorax[..., 0] * 0.3)
-    for _ in range(_GIRDLE_ROUNDS):
-        shoulder = _keypoint(body, _standing_posture(centre, axes), f"{side}_shoulder")
-        upper, lower = bend_arm(shoulder, wanted, elbow_side, lengths)
-        bend = np.arccos(np.clip(np.sum(upper[..., 1] * lower[..., 1], axis=-1), -1, 1))
-        axes = axes | arm_axes(body, side, upper, bend, _HAND_PRONATION_RAD)
-    return axes
-
-
-def _keypoint(body: SimulatedBody, posture: BodyPosture, name: str) -> Array:
-    return np.asarray(body.keypoints(bones_of(body, posture))[:, ANATOMICAL23.index(name)])
-
-
-def _check_reach(stander: Stander, posture: Callable[[Array], BodyPosture]) -> None:
-    """Moves are straight: between two points within reach the wrist stays within reach of the front of the body."""
-    side, path = stander.settings.side, stander.settings.path
-    times_s, places = _path(stander)
-    if (np.diff(times_s) <= 0).any():
-        raise ConfigError("motion: hand_path: path: expected times that increase from row to row")
-    off = np.linalg.norm(_keypoint(stander.body, posture(times_s), f"{side}_wrist") - places, axis=-1)
-    worst = int(np.argmax(off))
-    if off[worst] > _OFF_PATH_M:
-        raise ConfigError(
-            f"motion: hand_path: path: the {side} wrist does not reach {list(path[worst][1:])} (ahead, left, up, m); "
-            f"it stays {100 * off[worst]:.0f} cm away"
-        )
-
-
 def _reaching_arm(body: SimulatedBody, axes: dict[str, Array], side: str, out: Array, target: Array) -> dict[str, Array]:
     """The arm between hanging (out 0) and the wrist at `target` (T, 3), in arm lengths from the shoulder in thorax axes."""
     thorax, upper, lower = axes["thorax"], axes[f"{side}_upper_arm"], axes[f"{side}_forearm"]
@@ -397,7 +318,6 @@ _STANCES: dict[str, Callable[[Stander, Array], Stance]] = {
     "tpose": _tpose,
     "idle": _idle,
     "reach": _reach,
-    "hand_path": _hand_path,
     "squat": _squat,
     "wave": _wave,
     "overhead": _overhead,

@@ -15,12 +15,6 @@ _WALL_PX_PER_M = 128
 _SKIRTING_M = 0.10
 
 
-def png(picture: Array) -> bytes:
-    """An RGB or grey uint8 image as PNG."""
-    _, data = cv2.imencode(".png", picture[..., ::-1] if picture.ndim == 3 else picture)
-    return data.tobytes()
-
-
 def floor_picture(floor: str, rng: np.random.Generator) -> Array:
     """(1024, 1024, 3) uint8 of 4 m x 4 m that repeats without a seam."""
     return _FLOORS[floor](rng)

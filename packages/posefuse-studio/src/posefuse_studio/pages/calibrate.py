@@ -3,17 +3,15 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from functools import partial
-from itertools import combinations
 
 import numpy as np
 from nicegui import ui
 
 import posefuse as pf
 from posefuse.calibration.settings import PAGES_M, TargetDescription
-from posefuse.calibration.targets.coverage import ENOUGH_TOGETHER
 from posefuse.core import InputError, PosefuseError
 from posefuse_studio.calibrations import (
     FLOOR_ID,
@@ -26,7 +24,6 @@ from posefuse_studio.calibrations import (
     Step,
     StepResult,
     known_of,
-    named_cameras,
     new_recording,
     print_targets,
     projects,
@@ -146,7 +143,6 @@ class _Guide:
             job_lines(self._studio, self._concerns, most=1)
         redrawn(self._sizes, self._show_tiles)
         redrawn(lambda: self._known, lights_card)
-        redrawn(self._linked, lambda linked: graph_card(*linked) if linked[1] and len(linked[0]) > 1 else None)
         with ui.element("div").classes("pf-halves"):
             redrawn(lambda: self._known["extrinsics"].result, self._show_rig)
             redrawn(lambda: (self._known, any(self._jobs())), self._show_steps, classes="pf-column")
@@ -283,15 +279,6 @@ class _Guide:
             with card("Covered so far: red is poor, green is rich"):
                 camera_tiles(self._studio.watch, WATCH)
 
-    def _linked(self) -> tuple[list[str], list[list[int]]]:
-        """As it is now while cameras are recorded, else of the newest recording in which they must be linked."""
-        now = self._studio.watch.status
-        if self._jobs()[0] and now.target:
-            return list(now.cameras), now.together
-        known = self._known
-        seen = known["extrinsics"].seen or known["verify"].seen
-        return (seen.cameras, seen.together) if seen is not None else ([], [])
-
     def _show_rig(self, placed: StepResult | None) -> None:
         if placed is None or not placed.passed:
             return
@@ -341,7 +328,6 @@ _RESTS: Mapping[Step, str] = {
     "verify": "Nothing rests on it: repeat it whenever a camera may have been touched.",
 }
 _REPORTS = {"intrinsics": "lenses.html", "extrinsics": "rig.html", "verify": "verified.html"}
-_GOOD, _DOUBT, _BAD = "#2e9e57", "#f9a825", "#e53935"
 
 
 def lights_card(known: Known) -> None:
@@ -375,9 +361,6 @@ def show_step(step: Step, known: Known) -> None:
                 with ui.row().classes("items-start gap-2 no-wrap"):
                     ui.icon("build").classes("text-primary")
                     ui.label(check.remedy).classes("font-medium")
-            named = named_cameras(f"{subject} {check.detail}", known.cameras)
-            if not named and state.seen is not None and state.seen.together:
-                _graph(state.seen.cameras, state.seen.together)
     for numbers in (report.numbers for report in result.reports):
         if step == "verify" and "length_rms_mm" in numbers:
             ui.label(
@@ -388,65 +371,6 @@ def show_step(step: Step, known: Known) -> None:
     with ui.expansion(f"{good} checks passed", icon="checklist").classes("w-full"):
         for report in result.reports:
             show_summary(report.summary())
-
-
-def graph_card(cameras: Sequence[str], together: Sequence[Sequence[int]]) -> None:
-    """Which cameras share views of the target, and how often."""
-    with card("Which cameras share views"):
-        _graph(cameras, together)
-        small(
-            f"Moments at which two cameras saw the target at once. Green: {ENOUGH_TOGETHER} or more, which is enough; all cameras"
-            " must hang together by green lines."
-        )
-
-
-def shared_views(cameras: Sequence[str], together: Sequence[Sequence[int]]) -> dict[tuple[str, str], int]:
-    """How many moments pairs of cameras share, of those that share any; `together` is (C, C) as in `TargetCoverage`."""
-    pairs = combinations(range(len(cameras)), 2)
-    return {(cameras[a], cameras[b]): int(together[a][b]) for a, b in pairs if together[a][b] > 0}
-
-
-def graph_words(cameras: Sequence[str], shared: Mapping[tuple[str, str], int]) -> str:
-    """The drawing in words."""
-    pairs = [f"{a} and {b} {count}{', too few' * (count < ENOUGH_TOGETHER)}" for (a, b), count in shared.items()]
-    alone = [name for name in cameras if not any(name in pair for pair in shared)]
-    return "; ".join([*pairs, *(f"{name} shares none" for name in alone)])
-
-
-def graph_options(cameras: Sequence[str], shared: Mapping[tuple[str, str], int]) -> dict[str, object]:
-    """Cameras on a circle; lines with counts: green from `ENOUGH_TOGETHER` moments on, yellow below. A camera without is red."""
-
-    def camera(c: int, name: str) -> dict[str, object]:
-        own = [count for pair, count in shared.items() if name in pair]
-        colour = (_GOOD if max(own) >= ENOUGH_TOGETHER else _DOUBT) if own else _BAD
-        angle_rad = 2 * np.pi * (c + 0.5) / len(cameras)
-        x, y = float(np.cos(angle_rad)), float(np.sin(angle_rad))
-        # outside of the circle; y points down
-        place = {"position": "top" if y < 0 else "bottom"}
-        return {"name": name, "x": x, "y": y, "itemStyle": {"color": colour}, "label": place}
-
-    def line(pair: tuple[str, str], count: int) -> dict[str, object]:
-        enough = count >= ENOUGH_TOGETHER
-        # bent, so that counts of lines that cross do not lie on each other
-        style = {"color": _GOOD if enough else _DOUBT, "type": "solid" if enough else "dashed", "opacity": 1.0, "curveness": 0.2}
-        width = 2 + 4 * min(count / ENOUGH_TOGETHER, 1.0)
-        return {"source": pair[0], "target": pair[1], "value": count, "lineStyle": {**style, "width": width}}
-
-    label = {"show": True, "color": "#78909c", "fontSize": 14, "fontWeight": 600}
-    # on a ground of its own: it lies on its line
-    count = {**label, "color": "#ffffff", "backgroundColor": "#455a64", "padding": [5, 7, 3, 7], "borderRadius": 9, "rotate": 0}
-    drawn = {
-        "type": "graph", "layout": "none", "top": 52, "bottom": 48, "symbolSize": 30, "label": label,
-        "edgeLabel": {**count, "formatter": "{c}"},
-        "data": [camera(c, name) for c, name in enumerate(cameras)], "links": [line(*one) for one in shared.items()],
-    }  # fmt: skip
-    return {"series": [drawn], "animation": False}
-
-
-def _graph(cameras: Sequence[str], together: Sequence[Sequence[int]]) -> None:
-    shared = shared_views(cameras, together)
-    drawing = ui.echart(graph_options(cameras, shared)).classes("pf-graph")
-    drawing.props["role"], drawing.props["aria-label"] = "img", graph_words(cameras, shared)
 
 
 def sound(*, good: bool) -> None:

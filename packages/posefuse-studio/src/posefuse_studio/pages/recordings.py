@@ -9,12 +9,11 @@ from datetime import datetime
 from urllib.parse import urlencode
 
 from nicegui import ui
-from nicegui.binding import BindableProperty
 
 from posefuse_studio.catalogue import Listed, find_recordings, listed
 from posefuse_studio.shell import dialog, job_lines, light, network_field, recent, recording_address, small, title
 from posefuse_studio.state import Studio
-from posefuse_studio.workspace import check_name, recording_place
+from posefuse_studio.workspace import check_name
 
 from . import recording
 
@@ -37,22 +36,16 @@ def build(studio: Studio) -> None:
 class _List:
     """The list of one visitor."""
 
-    # names of at most two to compare
-    _chosen: tuple[str, ...] = BindableProperty()  # type: ignore[assignment]
-
     def __init__(self, studio: Studio) -> None:
         self._studio = studio
         self._found: list[Listed] = []
-        self._chosen = ()
         self._most = _AT_ONCE
         title("Recordings", "Everything that was tracked or recorded live in this workspace, the newest first.")
         with ui.row().classes("pf-tools"):
             self._search = ui.input("Search", on_change=self._show).props('clearable outlined dense aria-label="Search"')
-            compare = ui.button("Compare two", icon="compare_arrows", on_click=self._start_compare).props("outline")
-            compare.bind_enabled_from(self, "_chosen", lambda chosen: len(chosen) == 2)
             ui.button("Track a study", icon="playlist_play", on_click=self._ask_study).props("outline")
             self._count = small("")
-        job_lines(studio, recent("compare", "batch", "solve", "simulate_walk"))
+        job_lines(studio, recent("batch", "solve", "simulate_walk"))
         self._grid = ui.element("div").classes("pf-recordings")
         self._more = ui.button("Show more", on_click=self._show_more).props("flat")
         self._show()
@@ -98,26 +91,11 @@ class _List:
                 image.props("no-spinner ratio=1.7778")
             with ui.row().classes("pf-card-head"):
                 ui.link(name, recording_address(name)).classes("pf-recording-name")
-                ui.space()
-                box = ui.checkbox(on_change=lambda e, n=name: self._choose(n, e.value)).props("dense")
-                box.bind_value_from(self, "_chosen", lambda chosen: name in chosen)
-                box.props["aria-label"] = f"Choose {name} to compare"
             if one.problem:
                 light("bad" if not one.live else "off", one.problem.replace(f"{self._studio.workspace.root}/", ""))
                 return
             small(about(one))
             light(one.mark(), quality(one))
-
-    def _choose(self, name: str, on: bool) -> None:
-        """Two at most: a third takes the place of the first."""
-        if on != (name in self._chosen):
-            self._chosen = (*(one for one in self._chosen if one != name), *([name] if on else []))[-2:]
-
-    def _start_compare(self) -> None:
-        a, b = self._chosen
-        out = self._studio.workspace.free_name("comparisons", f"{recording_place(a).stem}-{recording_place(b).stem}")
-        self._studio.jobs.start("compare", f"Compare {b} with {a}", {"a": a, "b": b, "out": out})
-        ui.notify("Comparing; the result appears above the list.")
 
     def _ask_study(self) -> None:
         def start() -> None:

@@ -166,17 +166,6 @@ def solve_job(arguments: Arguments, workspace: StudioWorkspace, progress: pf.Pro
     return {"recordings": [arguments["out"]]}
 
 
-def compare_job(arguments: Arguments, workspace: StudioWorkspace, progress: pf.Progress) -> Result:
-    """Two recordings of one movement, ``a`` (the reference) and ``b``, compared on a page in ``out``."""
-
-    a, b = (workspace.existing(arguments[name]) for name in ("a", "b"))
-    progress("compare", 0, None, "reading both, aligning in time and space")
-    found = pf.compare(a, b)
-    page = found.save(workspace.path(arguments["out"]))
-    progress("compare", 1, 1, f"mean distance {found.errors.mpjpe_mm:.1f} mm")
-    return {"page": workspace.name_of(page), "mean_mm": found.errors.mpjpe_mm}
-
-
 def batch_job(arguments: Arguments, workspace: StudioWorkspace, progress: pf.Progress) -> Result:
     """Every session of ``study``, to ``out``, by the ``networks`` of a name; empty: the usual ones."""
     place, out = workspace.existing(arguments["study"]), workspace.path(arguments["out"])

@@ -122,10 +122,8 @@ class _Watch:
             cameras={one.camera: self._camera(one) for one in self._news},
             recording=self._record,
             seconds=time.monotonic() - self._begun_s,
-            target=self._guided,
             words=advice_for(self._step, covered, self._near_far),
             enough=self.enough,
-            together=covered.together.tolist(),
         )
 
     def _camera(self, now: CameraNews) -> CameraStatus:
