@@ -36,10 +36,10 @@ def test_the_first_that_keeps_up_is_chosen_and_the_cheapest_where_none_does():
 
 def test_where_none_keeps_up_the_default_networks_go_before_a_cheaper_one():
     lite, full = NetworkCost("blazepose_lite", "cpu", 0.02), NetworkCost("blazepose_full", "cpu", 0.03)
-    other = NetworkCost("movenet_lightning", "cpu", 0.016)
+    other = NetworkCost("rtmpose_t", "cpu", 0.016)
     assert best_sustained([full, lite, other], 4, 30.0) is lite
     assert best_sustained([full, lite, other], 1, 30.0) is lite
-    assert best_sustained([full, lite, NetworkCost("movenet_lightning", "cpu", 0.004)], 4, 30.0).name == "movenet_lightning"
+    assert best_sustained([full, lite, NetworkCost("rtmpose_t", "cpu", 0.004)], 4, 30.0).name == "rtmpose_t"
 
 
 @pytest.mark.usefixtures("models")
@@ -118,5 +118,5 @@ def test_a_smaller_network_is_one_of_the_same_family_that_is_there(empty_cache: 
     assert smaller_network("blazepose_heavy") == "blazepose_full"
     assert smaller_network("blazepose_full") == "blazepose_lite"
     assert smaller_network("rtmpose_m") == "rtmpose_s"
-    for alone in ("blazepose_lite", "rtmpose_s", "movenet_thunder", "rtmpose_m_wholebody", "/own/blazepose_mine.toml", "own", ""):
+    for alone in ("blazepose_lite", "rtmpose_s", "vitpose_b", "rtmpose_m_wholebody", "/own/blazepose_mine.toml", "own", ""):
         assert smaller_network(alone) == ""

@@ -240,7 +240,7 @@ def test_the_cache_folder_follows_the_environment(tmp_path, monkeypatch):
     assert default_cache_dir().name == "posefuse"
 
 
-@pytest.mark.parametrize("name", ["blazepose_lite", "blazepose_best", "movenet_lightning"])
+@pytest.mark.parametrize("name", ["blazepose_lite", "blazepose_best", "rtmpose_m"])
 def test_a_network_comes_with_what_finds_people_for_it(tmp_path, monkeypatch, name):
     monkeypatch.setenv("POSEFUSE_CACHE", str(tmp_path))
     missing = pf.models([name], check=True).missing

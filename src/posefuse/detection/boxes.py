@@ -14,7 +14,7 @@ from posefuse.core.arrays import Array
 
 from .card import Decoding, OnnxCard
 from .crops import overlapping_groups
-from .decode import Keypoints, People, keypoints_from_heatmaps, keypoints_from_movenet, keypoints_from_simcc
+from .decode import Keypoints, People, keypoints_from_heatmaps, keypoints_from_simcc
 
 _STRIDES = (8, 16, 32)
 
@@ -121,8 +121,6 @@ def expected_shapes(card: OnnxCard) -> list[Shape]:
         return [(1, count, round(width * ratio)), (1, count, round(height * ratio))]
     if card.kind == "heatmap":
         return [(1, count, "h", "w")]
-    if card.kind == "movenet":
-        return [(1, 1, count, 3)]
     if card.kind == "rtmo":
         return [(1, "n", 5), (1, "n", count, 3)]
     if card.kind == "yolo_pose":
@@ -151,8 +149,6 @@ def keypoints_of(card: OnnxCard, outputs: Sequence[Array]) -> Keypoints:
     """Keypoints (B, K) of a top-down network's outputs (B, ...) for B crops."""
     if card.kind == "simcc":
         return keypoints_from_simcc(outputs[0], outputs[1], card.decoding)
-    if card.kind == "movenet":
-        return keypoints_from_movenet(outputs[0], card.input.size_wh)
     return keypoints_from_heatmaps(outputs[0], card.input.size_wh, card.decoding)
 
 

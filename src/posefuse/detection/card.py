@@ -14,13 +14,13 @@ from posefuse.core import SKELETONS, ConfigError, ModelError, Skeleton
 from posefuse.core.errors import choices
 from posefuse.foundation.settings import read_mapping, settings, settings_from_mapping
 
-from .download import NpmSource, Source, UrlSource
+from .download import Source, UrlSource
 
 CARDS_FOLDER = Path(__file__).parent / "cards"
 _BESIDE_SUFFIXES = (".noise.toml", ".joint_centres.toml")
 
-Layout = Literal["simcc", "heatmap", "movenet", "rtmo", "yolo_pose", "yolox", "detections"]
-TOP_DOWN: tuple[Layout, ...] = ("simcc", "heatmap", "movenet")
+Layout = Literal["simcc", "heatmap", "rtmo", "yolo_pose", "yolox", "detections"]
+TOP_DOWN: tuple[Layout, ...] = ("simcc", "heatmap")
 ONE_STAGE: tuple[Layout, ...] = ("rtmo", "yolo_pose")
 PERSONS: tuple[Layout, ...] = ("yolox", "detections")
 BLAZEPOSE_PERSONS = "blazepose_persons"
@@ -173,9 +173,7 @@ class NetworkCard:
         if isinstance(self.source, UrlSource):
             # what is in archives is called alike; cards of the same archive share the file
             return f"{PurePosixPath(self.source.file_pattern).stem if self.source.member else self.name}.onnx"
-        member = PurePosixPath(self.source.member)
-        # of a graph model of TensorFlow.js, what is made of it
-        return member.with_suffix(".pb").name if isinstance(self.source, NpmSource) and self.source.weights else member.name
+        return PurePosixPath(self.source.member).name
 
     @property
     def skeleton(self) -> Skeleton:
@@ -217,7 +215,7 @@ class LandmarkCard(NetworkCard):
 
 @settings
 class OnnxCard(NetworkCard):
-    """A network in an ONNX file or a frozen TensorFlow graph (.pb), of one of `LAYOUTS`.
+    """A network in an ONNX file, of one of `LAYOUTS`.
 
     Attributes:
         persons: top-down: card that finds people, a TOML file or ``blazepose_persons``.

