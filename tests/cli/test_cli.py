@@ -165,7 +165,7 @@ def test_models_can_be_checked_without_a_network(tmp_path: Path, monkeypatch: py
         (["models", "--from", "none"], "none: no such archive, model file or folder"),
         (["models", "--accept-licence"], "--accept-licence: expected the names of the networks whose terms were read"),
         (["models", "rtmo_s", "--check", "--accept-licence"], "--accept-licence: expected a download, not --check"),
-        (["models", "--measure", "4", "30", "--locked"], "--locked: expected a download, not --measure"),
+        (["models", "x", "--measure", "4", "30", "--accept-licence"], "--accept-licence: expected a download, not --measure"),
         (["models", "--check", "--device", "cpu"], "--device cpu: goes with --measure CAMERAS RATE only"),
         (
             ["calibrate", "print", "--columns", "5", "--out", "a.pdf"],

@@ -17,11 +17,10 @@ from checks import refusal
 from posefuse.core import ModelError
 from posefuse.detection.card import read_card
 from posefuse.detection.download import UrlSource, downloaded
-from posefuse.detection.files import LOCK_FILE, Trust, fetch, fetch_all, holds, model_path, status
+from posefuse.detection.files import fetch, fetch_all, holds, model_path, status
 
 CONTENT = np.random.default_rng(0).bytes(3_000_000)
 SHA = hashlib.sha256(CONTENT).hexdigest()
-ACCEPTED = Trust(terms=True)
 
 
 class Server(ThreadingHTTPServer):
@@ -185,12 +184,12 @@ def unhashed(card):
 
 def test_an_archive_gives_its_network_and_nothing_else(server, card, tmp_path):
     """Files that it names elsewhere are never written."""
-    assert fetch_all([card], tmp_path, trust=ACCEPTED)[0].read_bytes() == CONTENT
-    assert sorted(path.name for path in tmp_path.rglob("*") if path.is_file()) == ["m.onnx", LOCK_FILE]
+    assert fetch_all([card], tmp_path, terms=True)[0].read_bytes() == CONTENT
+    assert sorted(path.name for path in tmp_path.rglob("*") if path.is_file()) == ["m.onnx"]
     assert status(card, tmp_path) == "ready"
     assert len(server.asked) == 1
     (tmp_path / "m.zip").write_bytes(archive(end2end_onnx=b"another"))
-    refusal(ModelError, "expected sha256", fetch_all, [card], tmp_path / "cache", tmp_path / "m.zip", trust=ACCEPTED)
+    refusal(ModelError, "expected sha256", fetch_all, [card], tmp_path / "cache", tmp_path / "m.zip", terms=True)
     # a second time nothing is asked, and terms that were accepted once stay accepted
     assert fetch(card, tmp_path) == model_path(card, tmp_path)
     assert len(server.asked) == 1
@@ -198,7 +197,7 @@ def test_an_archive_gives_its_network_and_nothing_else(server, card, tmp_path):
 
 def test_two_networks_of_that_name_in_one_archive_are_none(server, unhashed, tmp_path):
     server.files["m.zip"] = archive(a__end2end_onnx=b"1", b__end2end_onnx=b"2")
-    refusal(ModelError, r"holds no end2end\.onnx", fetch_all, [unhashed], tmp_path, trust=ACCEPTED)
+    refusal(ModelError, r"holds no end2end\.onnx", fetch_all, [unhashed], tmp_path, terms=True)
 
 
 def test_an_archive_is_for_the_cards_that_name_it(unhashed, tmp_path):
@@ -206,32 +205,6 @@ def test_an_archive_is_for_the_cards_that_name_it(unhashed, tmp_path):
     for name, held in (("m.zip", True), ("other.zip", False)):
         (tmp_path / name).write_bytes(archive(end2end_onnx=CONTENT))
         assert holds(tmp_path / name, unhashed) == held
-
-
-def test_the_file_that_came_first_is_kept_to(server, unhashed, tmp_path):
-    fetch_all([unhashed], tmp_path, trust=ACCEPTED)
-    lock = tmp_path / "models" / LOCK_FILE
-    assert lock.read_text() == f'"m.onnx" = "{SHA}"\n'
-    model_path(unhashed, tmp_path).write_bytes(b"changed")
-    assert status(unhashed, tmp_path) == "damaged"
-    server.files["m.zip"] = archive(end2end_onnx=b"another")
-    refusal(ModelError, f"expected sha256 {SHA}", fetch_all, [unhashed], tmp_path, trust=ACCEPTED)
-
-
-def test_locked_means_that_only_known_files_are_fetched(server, card, unhashed, tmp_path):
-    refusal(ModelError, "refused as locked", fetch_all, [unhashed], tmp_path, trust=Trust(terms=True, locked=True))
-    assert not server.asked
-    fetch_all([card], tmp_path, trust=Trust(terms=True, locked=True))
-
-
-def test_the_lock_of_a_session_comes_first(server, unhashed, tmp_path):
-    lock = tmp_path / LOCK_FILE
-    trust = Trust(terms=True, lock=lock)
-    lock.write_text(f'"m.onnx" = "{"0" * 64}"\n')
-    refusal(ModelError, f"expected sha256 {'0' * 64}, got {SHA}", fetch_all, [unhashed], tmp_path / "cache", trust=trust)
-    lock.write_text(f'"m.onnx" = "{SHA.upper()}"\n')
-    fetch_all([unhashed], tmp_path / "cache", trust=trust)
-    assert not (tmp_path / "cache" / "models" / LOCK_FILE).exists()
 
 
 def test_a_proxy_of_the_environment_is_asked(server, get, monkeypatch):

@@ -19,7 +19,7 @@ from posefuse.detection.build import DetectorChoice, device_word
 from posefuse.detection.card import NetworkCard, needed_cards
 from posefuse.detection.choosing import installed_networks, measured_costs
 from posefuse.detection.engines import devices_found
-from posefuse.detection.files import Trust, fetch_all, holds, model_path
+from posefuse.detection.files import fetch_all, holds, model_path
 from posefuse.foundation.platform import default_cache_dir, display, usable_cores, usb_cameras
 from posefuse.foundation.plugins import GROUPS, list_plugins, option_names
 from posefuse.foundation.summary import Block, Heading, Note, Table
@@ -292,7 +292,6 @@ def models(
     check: bool = False,
     source: str | Path | None = None,
     accept_licence: bool = False,
-    locked: bool = False,
     measure: tuple[int, float] | None = None,
     device: str | int = "auto",
     progress: Progress | bool | None = None,
@@ -304,7 +303,6 @@ def models(
         check: only look at what is there.
         source: a wheel, npm archive, zip archive, model file or folder instead of a download.
         accept_licence: the terms of these networks were read and are accepted.
-        locked: only networks whose sha256 is known, from the card or from an earlier download.
         measure: number of cameras and their frames per second: find out which of the networks keep up with them (none named:
             all that are installed). Nothing is downloaded.
         device: where that is measured, e.g. ``cpu`` or ``cuda:1``.
@@ -321,8 +319,8 @@ def models(
     cache_dir, wanted = default_cache_dir(), _wanted(names, None if source is None else Path(source))
     if not (check or measure):
         with shown(progress) as report:
-            given, trust = None if source is None else Path(source), Trust(terms=accept_licence, locked=locked)
-            fetch_all(wanted, cache_dir, given, lambda _, __, ___, line="": report("models", 0, None, line), trust)
+            given = None if source is None else Path(source)
+            fetch_all(wanted, cache_dir, given, lambda _, __, ___, line="": report("models", 0, None, line), terms=accept_licence)
     found = tuple(
         {
             "name": card.name,

@@ -37,7 +37,6 @@ def models(
     check: bool = False,
     source: Annotated[Path | None, Parameter(name="--from", metavar="PATH", help=_FROM_HELP)] = None,
     accept_licence: bool = False,
-    locked: bool = False,
     measure: Annotated[tuple[int, float] | None, Parameter(metavar="CAMERAS RATE")] = None,
     device: Annotated[str, Parameter(metavar="WORD")] = "auto",
     terminal: Shown,
@@ -48,7 +47,6 @@ def models(
         names: Names of models (default: those that the default settings need).
         check: Only verify what is there; exit code 1 where a network is missing or damaged.
         accept_licence: Accept the terms of the networks named.
-        locked: Only networks whose sha256 is known, from the card or from an earlier download.
         measure: Download nothing; measure which networks keep up with so many cameras of this rate (default: all installed).
         device: Processor to measure on, e.g. cpu or cuda:1.
     """
@@ -56,14 +54,13 @@ def models(
     check_used(
         [
             ("--accept-licence", accept_licence, not no_download, f"expected a download, not {no_download}"),
-            ("--locked", locked, not no_download, f"expected a download, not {no_download}"),
             ("--accept-licence", accept_licence, names or source, "expected the names of the networks whose terms were read"),
             (f"--device {device}", device != "auto", measure, "goes with --measure CAMERAS RATE only"),
         ]
     )
     with terminal.stages() as progress:
         found = pf.models(
-            names, check=check, source=source, accept_licence=accept_licence, locked=locked, measure=measure, device=device,
+            names, check=check, source=source, accept_licence=accept_licence, measure=measure, device=device,
             progress=progress,
         )  # fmt: skip
     terminal.show(found.summary())

@@ -140,8 +140,7 @@ class NetworkCard:
         file: the network next to the card; "" where it is fetched from `source`.
         source: where it is published; None for a local file.
         size_bytes: of the network's file; an archive is never unpacked beyond it.
-        sha256: of the network's file, as it is kept; "" where no source states it: then the file that is fetched first is kept to
-            (`files`).
+        sha256: of the network's file, as it is kept; "" where no source states it.
         licence, published: under which terms, and where the maker publishes it; for people.
         terms: what is to be read and accepted before it is fetched; None: nothing beyond the licence.
         keypoints: name of the keypoint set in `core.SKELETONS`; "" for a person detector.
