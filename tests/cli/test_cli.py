@@ -162,7 +162,6 @@ def test_models_can_be_checked_without_a_network(tmp_path: Path, monkeypatch: py
         (["view", "nowhere"], "nowhere"),
         (["track", "rig.toml", "--out", "x"], "rig.toml: is a file; expected a session folder"),
         (["simulate", "rig.toml", "--out", "x"], "rig.toml: this is another kind of file: expected keys among duration_s, "),
-        (["models", "--from", "none"], "none: no such archive, model file or folder"),
         (["models", "--accept-licence"], "--accept-licence: expected the names of the networks whose terms were read"),
         (["models", "rtmo_s", "--check", "--accept-licence"], "--accept-licence: expected a download, not --check"),
         (["models", "x", "--measure", "4", "30", "--accept-licence"], "--accept-licence: expected a download, not --measure"),

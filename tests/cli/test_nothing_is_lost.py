@@ -29,7 +29,8 @@ from posefuse.cli.main import main
 from posefuse.cli.next_command import check_files
 from posefuse.core import InputError, PosefuseError
 from posefuse.detection.card import read_card
-from posefuse.detection.files import fetch
+from posefuse.detection.download import WheelSource
+from posefuse.detection.files import fetch_all
 from posefuse.formats.rig import read_rig
 from posefuse.foundation.output_file import check_output_file, earlier_kept
 from posefuse.foundation.output_folder import MARK_FILE, OutputFolder, check_replaceable, growing_folder, output_folder
@@ -202,14 +203,16 @@ def calibrated(results: Path, out: Path, force: bool) -> None:
 
 
 def models_fetched(results: Path, out: Path, force: bool) -> None:
-    """`posefuse models --from WHEEL`, for a network of a few bytes."""
+    """`posefuse models`, for a network of a few bytes."""
     content, wheel = b"a network", results / "mediapipe-1-x.whl"
     sha256 = hashlib.sha256(content).hexdigest()
     card = dataclasses.replace(read_card("blazepose_full"), size_bytes=len(content), sha256=sha256)
     if not wheel.exists():
         with zipfile.ZipFile(wheel, "w") as archive:
             archive.writestr(card.source.member, content)
-    assert fetch(card, out, wheel).name == MODEL_FILE
+    with pytest.MonkeyPatch.context() as patched:
+        patched.setattr(WheelSource, "download", lambda *_: wheel)
+        assert fetch_all([card], out)[0].name == MODEL_FILE
 
 
 def simulated(results: Path, out: Path, force: bool) -> None:

@@ -17,7 +17,7 @@ from checks import refusal
 from posefuse.core import ModelError
 from posefuse.detection.card import read_card
 from posefuse.detection.download import UrlSource, downloaded
-from posefuse.detection.files import fetch, fetch_all, holds, model_path, status
+from posefuse.detection.files import fetch_all, model_path, status
 
 CONTENT = np.random.default_rng(0).bytes(3_000_000)
 SHA = hashlib.sha256(CONTENT).hexdigest()
@@ -103,7 +103,7 @@ def test_a_file_that_never_comes_is_one_line_with_each_address_and_reason(server
 
 
 def test_an_address_that_gives_nothing_leaves_nothing(get, tmp_path):
-    refusal(ModelError, r"refused.*posefuse models NAME --from PATH", get, "http://127.0.0.1:9/n.onnx")
+    refusal(ModelError, r"refused.*copy the cache folder", get, "http://127.0.0.1:9/n.onnx")
     assert not list(tmp_path.iterdir())
 
 
@@ -188,23 +188,16 @@ def test_an_archive_gives_its_network_and_nothing_else(server, card, tmp_path):
     assert sorted(path.name for path in tmp_path.rglob("*") if path.is_file()) == ["m.onnx"]
     assert status(card, tmp_path) == "ready"
     assert len(server.asked) == 1
-    (tmp_path / "m.zip").write_bytes(archive(end2end_onnx=b"another"))
-    refusal(ModelError, "expected sha256", fetch_all, [card], tmp_path / "cache", tmp_path / "m.zip", terms=True)
     # a second time nothing is asked, and terms that were accepted once stay accepted
-    assert fetch(card, tmp_path) == model_path(card, tmp_path)
+    assert fetch_all([card], tmp_path) == [model_path(card, tmp_path)]
     assert len(server.asked) == 1
+    server.files["m.zip"] = archive(end2end_onnx=b"another")
+    refusal(ModelError, "expected sha256", fetch_all, [card], tmp_path / "cache", terms=True)
 
 
 def test_two_networks_of_that_name_in_one_archive_are_none(server, unhashed, tmp_path):
     server.files["m.zip"] = archive(a__end2end_onnx=b"1", b__end2end_onnx=b"2")
     refusal(ModelError, r"holds no end2end\.onnx", fetch_all, [unhashed], tmp_path, terms=True)
-
-
-def test_an_archive_is_for_the_cards_that_name_it(unhashed, tmp_path):
-    """The network has the same name in all archives: any of them would be accepted."""
-    for name, held in (("m.zip", True), ("other.zip", False)):
-        (tmp_path / name).write_bytes(archive(end2end_onnx=CONTENT))
-        assert holds(tmp_path / name, unhashed) == held
 
 
 def test_a_proxy_of_the_environment_is_asked(server, get, monkeypatch):

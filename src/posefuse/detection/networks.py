@@ -162,7 +162,7 @@ class OnnxConfig:
     def fetch(self, progress: Progress = silent) -> list[Path]:
         """The files of the network and of its person detector, those with a source fetched; see `fetch_all`."""
         device_of(self.device)
-        return fetch_all(self.cards(), default_cache_dir(), None, progress)
+        return fetch_all(self.cards(), default_cache_dir(), progress)
 
     def build(self) -> TopDownDetector | OneStageDetector:
         """Read the cards, check and compile their files.
