@@ -17,7 +17,7 @@ from posefuse.core import ModelError, Progress, silent
 from posefuse.foundation.output_file import earlier_kept
 
 from .card import NetworkCard
-from .download import Source, UrlSource, member_of
+from .download import Source, file_sha256, member_of
 
 STAGE = "downloading networks"
 
@@ -87,39 +87,22 @@ def _check_fetched(card: NetworkCard, cache_dir: Path, terms: bool) -> None:
 
 
 def _download(cards: Sequence[NetworkCard], cache_dir: Path, say: Callable[[str], None]) -> None:
-    source = _source(cards[0])
-    if isinstance(source, UrlSource):
-        # what was received stays there until it is whole
-        archive = source.download(_folder(cache_dir / "downloads"), cards[0].sha256.lower(), cards[0].size_bytes)
-        _keep_all(cards, archive, cache_dir, say)
-        archive.unlink(missing_ok=True)
-        return
     with tempfile.TemporaryDirectory(prefix="posefuse-") as temporary:
-        _keep_all(cards, source.download(Path(temporary)), cache_dir, say)
+        archive = _source(cards[0]).download(Path(temporary))
+        for card in cards:
+            content = member_of(archive, _source(card), card.size_bytes)
+            _keep(card, content, cache_dir)
+            say(f"{card.file_name}: verified")
 
 
-def _keep_all(cards: Sequence[NetworkCard], archive: Path, cache_dir: Path, say: Callable[[str], None]) -> None:
-    for card in cards:
-        content = member_of(archive, _source(card), card.size_bytes)
-        _keep(card, content, cache_dir, _source(card).requirement)
-        say(f"{card.file_name}: verified")
-
-
-def _folder(folder: Path) -> Path:
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise ModelError(f"{folder}: cannot be made ({error.strerror}); set POSEFUSE_CACHE to a folder that can") from None
-    return folder
-
-
-def _keep(card: NetworkCard, content: bytes, cache_dir: Path, origin: str) -> None:
+def _keep(card: NetworkCard, content: bytes, cache_dir: Path) -> None:
     """Check and write a new file, then rename; a file of that name with another content stays as NAME.replaced-TIME."""
     got, known = hashlib.sha256(content).hexdigest(), card.sha256.lower()
     if known and got != known:
-        raise ModelError(f"{origin}: {card.file_name}: expected sha256 {known}, got {got}; not used")
-    target = _folder(cache_dir / "models") / card.file_name
+        raise ModelError(f"{_source(card).requirement}: {card.file_name}: expected sha256 {known}, got {got}; not used")
+    target = model_path(card, cache_dir)
     try:
+        target.parent.mkdir(parents=True, exist_ok=True)
         # of another content: a download that was damaged, or a network of the user's own
         with earlier_kept(target):
             with tempfile.NamedTemporaryFile(dir=target.parent, prefix=f".{card.file_name}.", delete=False) as new:
@@ -127,9 +110,3 @@ def _keep(card: NetworkCard, content: bytes, cache_dir: Path, origin: str) -> No
             Path(new.name).replace(target)
     except OSError as error:
         raise ModelError(f"{target}: cannot be written ({error}); set POSEFUSE_CACHE to a folder that can") from None
-
-
-def file_sha256(path: Path) -> str:
-    """Of a file's content, in hexadecimal digits."""
-    with path.open("rb") as file:
-        return hashlib.file_digest(file, "sha256").hexdigest()

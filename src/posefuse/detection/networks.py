@@ -31,8 +31,9 @@ from .card import PERSONS, OnnxCard, PersonCard, persons_card, read_card
 from .crops import check_regions, img_from_input, input_crop_from_img, nearest_to, region_from_keypoints, warp_to_input
 from .decode import Keypoints, People
 from .device import Precision, device_of
+from .download import file_sha256
 from .engines import OnnxNetwork
-from .files import fetch_all, file_sha256
+from .files import fetch_all
 from .noise import keypoint_noise_features, read_noise
 from .search import BoxFinder, PersonFinder, SquareFinder, people_in_images, upright_first
 
