@@ -50,7 +50,7 @@ def test_the_words_of_pose2sim_are_its_networks(word):
 def test_a_network_of_the_layout_it_names_can_be_read(tmp_path, name):
     """A constructed file with an input and outputs of the stated sizes; another number of keypoints is refused."""
     card = CARDS[name]
-    sizes = {"n": 3, "h": card.input.size_wh[1] // 4, "w": card.input.size_wh[0] // 4, "5 + classes": 85}
+    sizes = {"n": 3, "h": card.input.size_wh[1] // 4, "w": card.input.size_wh[0] // 4}
     shapes = [tuple(sizes.get(part, part) for part in shape) for shape in expected_shapes(card)]
     outputs = {f"o{i}": np.zeros(shape, np.float32) for i, shape in enumerate(shapes)}
     network = OnnxNetwork(card, graphs.constant_network(tmp_path / "n.onnx", card.input.size_wh, outputs), "cpu", "f32", 1)

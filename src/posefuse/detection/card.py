@@ -19,10 +19,10 @@ from .download import Source, UrlSource
 CARDS_FOLDER = Path(__file__).parent / "cards"
 _BESIDE_SUFFIXES = (".noise.toml", ".joint_centres.toml")
 
-Layout = Literal["simcc", "heatmap", "rtmo", "yolo_pose", "yolox", "detections"]
+Layout = Literal["simcc", "heatmap", "rtmo", "yolo_pose", "detections"]
 TOP_DOWN: tuple[Layout, ...] = ("simcc", "heatmap")
 ONE_STAGE: tuple[Layout, ...] = ("rtmo", "yolo_pose")
-PERSONS: tuple[Layout, ...] = ("yolox", "detections")
+PERSONS: tuple[Layout, ...] = ("detections",)
 BLAZEPOSE_PERSONS = "blazepose_persons"
 LAYOUTS = (*TOP_DOWN, *ONE_STAGE, *PERSONS)
 Positive = Annotated[float, Gt(0)]
@@ -64,8 +64,7 @@ class Decoding:
         blur_cells: dark: width of the blur's kernel, odd.
         udp: heatmap: the maker's unbiased data processing: the image spans size - 1 px, and so does a heatmap.
         end_to_end: yolo_pose: rows of people (box corners, score, class, keypoints) instead of columns of raw candidates.
-        raw_boxes: yolox: offsets from grid cells, not yet px.
-        person_class: yolox, detections: which class is a person.
+        person_class: detections: which class is a person.
         least_score: boxes below it are no person.
         most_overlap: of two boxes that overlap by more than this (intersection over union), the better one is kept.
     """
@@ -76,7 +75,6 @@ class Decoding:
     blur_cells: Annotated[int, Ge(1)] = 11
     udp: bool = False
     end_to_end: bool = False
-    raw_boxes: bool = True
     person_class: Annotated[int, Ge(0)] = 0
     least_score: Share = 0.5
     most_overlap: Share = 0.45
