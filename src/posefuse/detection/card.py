@@ -59,8 +59,7 @@ class Decoding:
     Attributes:
         outputs: names of the outputs in the layout's order; left out: the file's own order.
         split_ratio: simcc: bins per px of the input.
-        subpixel: simcc, heatmap: ``none`` (the highest bin), ``quarter`` (a quarter cell towards the higher neighbour),
-            ``taylor`` (peak of a parabola through the logarithm) or ``dark`` (the same after a blur).
+        subpixel: simcc, heatmap: ``taylor`` (peak of a parabola through the logarithm) or ``dark`` (the same after a blur).
         blur_cells: dark: width of the blur's kernel, odd.
         udp: heatmap: the maker's unbiased data processing: the image spans size - 1 px, and so does a heatmap.
         end_to_end: yolo_pose: rows of people (box corners, score, class, keypoints) instead of columns of raw candidates.
@@ -71,7 +70,7 @@ class Decoding:
 
     outputs: tuple[str, ...] = ()
     split_ratio: Positive = 2.0
-    subpixel: Literal["none", "quarter", "taylor", "dark"] = "taylor"
+    subpixel: Literal["taylor", "dark"] = "taylor"
     blur_cells: Annotated[int, Ge(1)] = 11
     udp: bool = False
     end_to_end: bool = False
@@ -298,7 +297,5 @@ def _check(card: NetworkCard, path: Path) -> None:
         raise ConfigError(f"{path}: sha256: expected 64 hexadecimal digits, got {card.sha256!r}")
     if card.kind not in (*PERSONS, "person_ssd") and card.keypoints not in SKELETONS:
         raise ConfigError(f"{path}: keypoints: no keypoint set {card.keypoints!r}; there are: {choices(SKELETONS)}")
-    if isinstance(card, OnnxCard) and card.kind == "simcc" and card.decoding.subpixel == "quarter":
-        raise ConfigError(f"{path}: decoding.subpixel: quarter is for heatmaps; simcc takes none, taylor or dark")
     if isinstance(card, OnnxCard) and card.decoding.blur_cells % 2 == 0:
         raise ConfigError(f"{path}: decoding.blur_cells: expected an odd number, got {card.decoding.blur_cells}")

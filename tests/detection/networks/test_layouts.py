@@ -94,12 +94,6 @@ def test_simcc(tmp_path, device, subpixel):
     assert np.allclose(seen.score[0], np.minimum(0.8, 0.9), atol=0.02)
 
 
-def test_simcc_without_subpixel_is_the_highest_bin(tmp_path):
-    xy = marks(2)
-    (seen,) = detect(simcc_card(tmp_path, xy, "none"))
-    assert np.abs(seen.xy_img[0] - raw_px(np.rint(2 * xy) / 2)).max() < TOLERANCE_PX
-
-
 def test_simcc_spread_is_reported_per_axis_and_a_wider_one_makes_it_less_sure(tmp_path):
     xy = marks(3)
     network = network_of(simcc_card(tmp_path, xy, sigma_bins=5.0))
@@ -126,14 +120,6 @@ def test_heatmaps(tmp_path, udp, subpixel):
     inner = ((xy > 24) & (xy < np.array(SIZE) - 25)).all(-1)
     assert off[inner if subpixel == "dark" else slice(None)].max() < TOLERANCE_PX and inner.sum() > 10
     assert np.isfinite(seen.sigma_px).all()
-
-
-def test_heatmaps_move_a_quarter_towards_the_higher_neighbour(tmp_path):
-    at = np.random.default_rng(5).uniform(4, 30, (COUNT, 2))
-    maps = gaussian(at[:, 1], 52, 2.0)[:, :, None] * gaussian(at[:, 0], 36, 2.0)[:, None]
-    (seen,) = detect(written(tmp_path, "heatmap", {"heatmaps": maps[None]}, '[decoding]\nsubpixel = "quarter"'))
-    expected = 4 * (np.rint(at) + 0.25 * np.sign(at - np.rint(at)))
-    assert np.abs(seen.xy_img[0] - raw_px(expected)).max() < TOLERANCE_PX
 
 
 def letterboxed(xy_img: np.ndarray, size_wh: tuple[int, int]) -> np.ndarray:
