@@ -164,8 +164,6 @@ def test_models_can_be_checked_without_a_network(tmp_path: Path, monkeypatch: py
         (["simulate", "rig.toml", "--out", "x"], "rig.toml: this is another kind of file: expected keys among duration_s, "),
         (["models", "--accept-licence"], "--accept-licence: expected the names of the networks whose terms were read"),
         (["models", "rtmo_s", "--check", "--accept-licence"], "--accept-licence: expected a download, not --check"),
-        (["models", "x", "--measure", "4", "30", "--accept-licence"], "--accept-licence: expected a download, not --measure"),
-        (["models", "--check", "--device", "cpu"], "--device cpu: goes with --measure CAMERAS RATE only"),
         (
             ["calibrate", "print", "--columns", "5", "--out", "a.pdf"],
             "calibrate print: target charuco: missing --rows N",

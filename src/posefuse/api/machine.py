@@ -13,11 +13,9 @@ from importlib.metadata import PackageNotFoundError, entry_points, requires, ver
 from pathlib import Path
 from typing import Any
 
-from posefuse.core import ConfigError, Progress
+from posefuse.core import Progress
 from posefuse.detection import default_cards, list_cards, status
-from posefuse.detection.build import DetectorChoice, device_word
 from posefuse.detection.card import NetworkCard, needed_cards
-from posefuse.detection.choosing import installed_networks, measured_costs
 from posefuse.detection.engines import devices_found
 from posefuse.detection.files import fetch_all, model_path
 from posefuse.foundation.platform import default_cache_dir, display, usable_cores, usb_cameras
@@ -258,27 +256,19 @@ def _display() -> MachineCheck:
 
 @dataclass(frozen=True, kw_only=True)
 class Models:
-    """The networks on this machine: name, use, state, licence and file of each; those that were asked for and are not ready.
-
-    `measured`: network, device, milliseconds per image and how many cameras it sustains, of those that were measured.
-    """
+    """The networks on this machine: name, use, state, licence and file of each; those that were asked for and are not ready."""
 
     folder: Path
     models: tuple[dict[str, str], ...]
     missing: tuple[str, ...]
-    measured: tuple[dict[str, Any], ...] = ()
 
     @property
     def figures(self) -> dict[str, Any]:
         """Plain values."""
-        measured = {"measured": [dict(one) for one in self.measured]} if self.measured else {}
-        return {"models": [dict(one) for one in self.models], **measured, "exit_code": int(bool(self.missing))}
+        return {"models": [dict(one) for one in self.models], "exit_code": int(bool(self.missing))}
 
     def summary(self) -> list[Block]:
         """The networks, for people."""
-        if self.measured:
-            columns = ("network", "device", "ms per image", "cameras sustained", "keeps up")
-            return [Heading("Networks on this machine"), Table(columns, [[*one.values()] for one in self.measured])]
         rows = [[*one.values()][:-1] for one in self.models]
         table = Table(("model", "for", "state", "licence"), rows, text=True)
         line = f"missing or damaged: {', '.join(self.missing)}; `posefuse models` fetches them"
@@ -291,8 +281,6 @@ def models(
     *,
     check: bool = False,
     accept_licence: bool = False,
-    measure: tuple[int, float] | None = None,
-    device: str | int = "auto",
     progress: Progress | bool | None = None,
 ) -> Models:
     """Download neural networks into the user's cache and verify them.
@@ -301,13 +289,10 @@ def models(
         names: of models; none: those that the default settings need.
         check: only look at what is there.
         accept_licence: the terms of these networks were read and are accepted.
-        measure: number of cameras and their frames per second: find out which of the networks keep up with them (none named:
-            all that are installed). Nothing is downloaded.
-        device: where that is measured, e.g. ``cpu`` or ``cuda:1``.
         progress: True for lines on stderr, or a function (see `Progress`).
 
     Raises:
-        ModelError: no such model, or one that cannot be had. ConfigError: no such device, or nothing to measure.
+        ModelError: no such model, or one that cannot be had.
 
     Examples:
         >>> import posefuse as pf
@@ -315,7 +300,7 @@ def models(
         ()
     """
     cache_dir, wanted = default_cache_dir(), _wanted(names)
-    if not (check or measure):
+    if not check:
         with shown(progress) as report:
             fetch_all(wanted, cache_dir, lambda _, __, ___, line="": report("models", 0, None, line), terms=accept_licence)
     found = tuple(
@@ -329,24 +314,7 @@ def models(
         for card in list_cards()
     )
     missing = tuple(card.name for card in wanted if status(card, cache_dir) != "ready")
-    measured = _measured(names, *measure, device_word(device)) if measure else ()
-    return Models(folder=cache_dir, models=found, missing=missing, measured=measured)
-
-
-def _measured(names: Sequence[str], cameras: int, rate_hz: float, device: str) -> tuple[dict[str, Any], ...]:
-    if cameras < 1 or not rate_hz > 0:
-        raise ConfigError(f"measure: expected a number of cameras and their rate, both more than 0, got {cameras} {rate_hz:g}")
-    costs = measured_costs(names or installed_networks(), DetectorChoice(options={"device": device}))
-    return tuple(
-        {
-            "network": cost.name,
-            "device": cost.device,
-            "ms_per_image": round(1000 * cost.image_s, 2),
-            "cameras": cost.most_cameras(rate_hz),
-            "keeps_up": cost.sustains(cameras, rate_hz),
-        }
-        for cost in costs
-    )
+    return Models(folder=cache_dir, models=found, missing=missing)
 
 
 def _wanted(names: Sequence[str]) -> list[NetworkCard]:

@@ -33,8 +33,6 @@ def models(
     *names: Annotated[str, Parameter(metavar="MODEL")],
     check: bool = False,
     accept_licence: bool = False,
-    measure: Annotated[tuple[int, float] | None, Parameter(metavar="CAMERAS RATE")] = None,
-    device: Annotated[str, Parameter(metavar="WORD")] = "auto",
     terminal: Shown,
 ) -> Figures:
     """Download the neural networks into the user's cache and verify them.
@@ -43,21 +41,14 @@ def models(
         names: Names of models (default: those that the default settings need).
         check: Only verify what is there; exit code 1 where a network is missing or damaged.
         accept_licence: Accept the terms of the networks named.
-        measure: Download nothing; measure which networks keep up with so many cameras of this rate (default: all installed).
-        device: Processor to measure on, e.g. cpu or cuda:1.
     """
-    no_download = "--check" if check else "--measure" if measure else ""
     check_used(
         [
-            ("--accept-licence", accept_licence, not no_download, f"expected a download, not {no_download}"),
+            ("--accept-licence", accept_licence, not check, "expected a download, not --check"),
             ("--accept-licence", accept_licence, names, "expected the names of the networks whose terms were read"),
-            (f"--device {device}", device != "auto", measure, "goes with --measure CAMERAS RATE only"),
         ]
     )
     with terminal.stages() as progress:
-        found = pf.models(
-            names, check=check, accept_licence=accept_licence, measure=measure, device=device,
-            progress=progress,
-        )  # fmt: skip
+        found = pf.models(names, check=check, accept_licence=accept_licence, progress=progress)
     terminal.show(found.summary())
     return found.figures

@@ -37,13 +37,9 @@ class NetworkCost:
     device: str
     image_s: float
 
-    def most_cameras(self, rate_hz: float) -> int:
-        """How many cameras of this rate it sustains: every frame is processed, with time left for everything else."""
-        return int(_NETWORK_SHARE / (self.image_s * rate_hz))
-
     def sustains(self, cameras: int, rate_hz: float) -> bool:
-        """Whether it sustains so many."""
-        return self.most_cameras(rate_hz) >= cameras
+        """Whether it sustains so many cameras of this rate: every frame is processed, with time left for everything else."""
+        return int(_NETWORK_SHARE / (self.image_s * rate_hz)) >= cameras
 
 
 def installed_networks() -> list[str]:
