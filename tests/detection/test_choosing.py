@@ -10,14 +10,13 @@ from checks import refusal
 from posefuse.core import ConfigError, ModelError
 from posefuse.detection.boxes import expected_shapes
 from posefuse.detection.build import DetectorChoice
-from posefuse.detection.card import OnnxCard, needed_cards, read_card
+from posefuse.detection.card import OnnxCard, read_card
 from posefuse.detection.choosing import (
     BLAZEPOSE,
     NetworkCost,
     best_sustained,
     installed_networks,
     measured_costs,
-    smaller_network,
 )
 from posefuse.detection.files import model_path
 
@@ -102,16 +101,3 @@ def test_networks_after_one_that_suffices_are_not_measured(installed):
     for name in ("rtmo_s", "rtmo_m"):
         installed(name)
     assert [one.name for one in measured_costs(["rtmo_s", "rtmo_m"], ON_CPU, until=lambda _: True)] == ["rtmo_s"]
-
-
-def test_a_smaller_network_is_one_of_the_same_family_that_is_there(empty_cache: Path):
-    for name, size in (("blazepose_lite", 2), ("blazepose_full", 5), ("blazepose_heavy", 9), ("rtmpose_m", 7), ("rtmpose_s", 3)):
-        for card in needed_cards(name):
-            path = model_path(card, empty_cache)
-            path.parent.mkdir(exist_ok=True)
-            path.write_bytes(bytes(size if card.keypoints else 100))
-    assert smaller_network("blazepose_heavy") == "blazepose_full"
-    assert smaller_network("blazepose_full") == "blazepose_lite"
-    assert smaller_network("rtmpose_m") == "rtmpose_s"
-    for alone in ("blazepose_lite", "rtmpose_s", "vitpose_b", "rtmpose_m_wholebody", "/own/blazepose_mine.toml", "own", ""):
-        assert smaller_network(alone) == ""

@@ -14,14 +14,12 @@ import threading
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import AbstractContextManager, ExitStack, contextmanager, suppress
 from dataclasses import dataclass, replace
-from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from posefuse.core import LiveNames, LivePose, LivePreview, PosefuseError, Rig, SourceError
-from posefuse.detection.choosing import smaller_network
 from posefuse.foundation.channel import Channel, ChannelClosed
 from posefuse.foundation.compiled import compiling
 from posefuse.foundation.platform import peak_memory_mb, punctual, usable_cores
@@ -168,9 +166,7 @@ def run_session(
             zero_ns = views.start(clock)
             # what was compiled and loaded before is not the session's
             begun = os.times()
-            options = config.detector.options
-            smaller = partial(smaller_network, str(options.get("landmarks", options.get("card", ""))))
-            news = News(fusion, zero_ns, say, views.notices, None if remote else smaller)
+            news = News(fusion, zero_ns, say, views.notices, watches_pace=not remote)
             with punctual():
                 over = _until(plan.duration_s, zero_ns, fusion, news, stopped)
                 fusion.run(views, config.rate_hz, over if requests is None else _controlled(over, requests, views, outputs))
