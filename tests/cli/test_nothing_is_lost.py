@@ -33,7 +33,7 @@ from posefuse.detection.download import WheelSource
 from posefuse.detection.files import fetch_all
 from posefuse.formats.rig import read_rig
 from posefuse.foundation.output_file import check_output_file, earlier_kept
-from posefuse.foundation.output_folder import MARK_FILE, OutputFolder, check_replaceable, growing_folder, output_folder
+from posefuse.foundation.output_folder import MARK_FILE, OutputFolder, growing_folder
 from posefuse.pipeline.config import CONFIG_FILE
 
 Command = Callable[[Path, bool], int]
@@ -88,7 +88,7 @@ MODEL_FILE = "pose_landmark_full.tflite"
 # names that commands write themselves, or wrote once, and some of the user's
 NAMES = st.sampled_from(
     ["report.html", "recording.json", "recording.npz", "rig.toml", "scene.yaml", "INCOMPLETE", MARK_FILE, "compare.json"]
-    + ["compare.html", "latency.json", "walking.json", "out", "out.partial", "videos", "thesis [final].docx", "x[/b]", ".hidden"]
+    + ["compare.html", "walking.json", "out", "out.partial", "videos", "thesis [final].docx", "x[/b]", ".hidden"]
     + ["posefuse.toml", "models", MODEL_FILE, "rig_coverage.png"]
 )
 TREES = st.dictionaries(st.lists(NAMES, min_size=1, max_size=3).map("/".join), st.binary(max_size=20), max_size=6)
@@ -167,13 +167,6 @@ def printed(results: Path, out: Path, force: bool) -> int:
     return main(["calibrate", "print", "--cube", "--marker-mm", "100", "--out", str(out)])
 
 
-def live_reported(results: Path, out: Path, force: bool) -> None:
-    """What `posefuse live --report` does around its session."""
-    check_replaceable(out, command="live", replace=False)
-    with output_folder(out, command="live") as made:
-        (made.folder / "latency.json").write_text("{}")
-
-
 def experimented(results: Path, out: Path, force: bool) -> None:
     """What `python -m paper` does around its experiments."""
     made = growing_folder(out, command="experiment", names=["walking.json"])
@@ -229,7 +222,7 @@ def simulated(results: Path, out: Path, force: bool) -> None:
         sessions.simulate(read_scene(scene), out, replace=force)
 
 
-COMMANDS = [tracked_again, reported, compared, printed, live_reported, experimented, calibrated, models_fetched, simulated]
+COMMANDS = [tracked_again, reported, compared, printed, experimented, calibrated, models_fetched, simulated]
 
 
 @pytest.mark.parametrize("work", COMMANDS)

@@ -35,9 +35,7 @@ def status(card: NetworkCard, cache_dir: Path) -> Literal["ready", "missing", "d
     return "ready" if not card.sha256 or file_sha256(path) == card.sha256.lower() else "damaged"
 
 
-def fetch_all(
-    cards: Sequence[NetworkCard], cache_dir: Path, progress: Progress = silent, *, terms: bool = False
-) -> list[Path]:
+def fetch_all(cards: Sequence[NetworkCard], cache_dir: Path, progress: Progress = silent, *, terms: bool = False) -> list[Path]:
     """Files of several networks, those with a source fetched where they are missing; one download serves all of an archive.
 
     Args:
