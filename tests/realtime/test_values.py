@@ -246,9 +246,9 @@ def test_sources_are_named_per_camera(ring_rig, demo_session) -> None:
         ("cam00", "rtsp", True), ("cam01", "video", False), ("cam03", "usb", True)
     ]  # fmt: skip
     assert len(inputs_from_arguments([f"sim:{demo_session}"], rig)) == 4
-    oak, realsense = inputs_from_arguments(["cam01=realsense:A1@1280x720@15", "cam00=oak:any"], rig)
-    assert (oak.config.serial, oak.config.size, oak.reopen) == ("any", "640x480", True)
-    assert (realsense.config.serial, realsense.config.size) == ("A1", "1280x720@15")
+    first, second = inputs_from_arguments(["cam01=realsense:A1@1280x720@15", "cam00=realsense:any"], rig)
+    assert (first.config.serial, first.config.size, first.reopen) == ("any", "640x480", True)
+    assert (second.config.serial, second.config.size) == ("A1", "1280x720@15")
 
 
 @settings

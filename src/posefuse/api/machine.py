@@ -34,7 +34,6 @@ EXTRAS = {
     "lsl": "Lab Streaming Layer",
     "teleop": "robot follows a hand",
     "realsense": "depth cameras of Intel",
-    "oak": "depth cameras of Luxonis",
     "onnx": "networks through ONNX Runtime",
     "gpu": "networks on a graphics card of NVIDIA",
     "h5": "2D poses in HDF5",
