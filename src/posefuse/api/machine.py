@@ -18,7 +18,7 @@ from posefuse.detection import default_cards, list_cards, status
 from posefuse.detection.card import NetworkCard, needed_cards
 from posefuse.detection.engines import devices_found
 from posefuse.detection.files import fetch_all, model_path
-from posefuse.foundation.platform import default_cache_dir, display, usable_cores, usb_cameras
+from posefuse.foundation.platform import default_cache_dir, usable_cores, usb_cameras
 from posefuse.foundation.plugins import GROUPS, list_plugins, option_names
 from posefuse.foundation.summary import Block, Heading, Note, Table
 
@@ -97,7 +97,6 @@ def doctor() -> Machine:
     """
     checks = [
         _python(),
-        _processor(),
         _disk(),
         _cache(),
         _video_codec(),
@@ -107,20 +106,13 @@ def doctor() -> Machine:
         *_extras(),
         _cameras(),
         *_of_packages(),
-        _display(),
     ]
     return Machine(checks=tuple(checks))
 
 
 def _python() -> MachineCheck:
-    found = f"{platform.python_version()} on {platform.system()} {platform.machine()}"
+    found = f"{platform.python_version()} on {platform.system()} {platform.machine()}, {usable_cores()} cores"
     return MachineCheck("Python", sys.version_info >= (3, 11), True, found, "install Python 3.11 or newer")
-
-
-def _processor() -> MachineCheck:
-    cores = usable_cores()
-    cure = "two cores or more keep decoding and inference apart"
-    return MachineCheck("processor", cores >= 2, False, f"{cores} cores", cure)
 
 
 def _disk() -> MachineCheck:
@@ -245,12 +237,6 @@ def _cameras() -> MachineCheck:
     found = usb_cameras()
     cure = "connect one; videos and network cameras need none"
     return MachineCheck("USB cameras", bool(found), False, ", ".join(found) or "none", cure)
-
-
-def _display() -> MachineCheck:
-    found = display()
-    cure = "only `posefuse view` and `view=True` need one; files can be looked at elsewhere"
-    return MachineCheck("display", bool(found), False, found or "none", cure)
 
 
 @dataclass(frozen=True, kw_only=True)
