@@ -1,6 +1,6 @@
 """Time of the default detector per image: a table on stderr, one JSON object on stdout.
 
-    python bench/detect.py [--repeat 50] [--networks blazepose_lite movenet_thunder ...]
+    python bench/detect.py [--repeat 50] [--networks blazepose_lite rtmpose_m ...]
 
 Batches of four views with one person each, where the region is known (the usual case), and the worst case of the search: images
 in which no person is found. The time of the networks does not depend on what is in the image.

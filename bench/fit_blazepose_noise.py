@@ -18,7 +18,7 @@ from harness import Use, answer, arguments, checked, truth_of
 
 from posefuse.core import SKELETONS
 from posefuse.core.skeleton import mirror_name
-from posefuse.detection import fetch, region_from_keypoints
+from posefuse.detection import fetch_all, region_from_keypoints
 from posefuse.detection.card import LandmarkCard, read_card
 from posefuse.detection.crops import crop_from_img, square_crop
 from posefuse.detection.decode import landmarks_from_outputs
@@ -120,7 +120,7 @@ def main() -> None:
     for folder in folders:
         checked(read_scene(SessionPaths(folder).scene), Use.FIT)
     card = read_card(args.card, LandmarkCard)
-    decoding, file = card.decoding, fetch(card, default_cache_dir())
+    decoding, file = card.decoding, fetch_all([card], default_cache_dir())[0]
     network = BlazePoseNetwork(file, (decoding.landmarks, decoding.presence, decoding.heatmaps), card.input, "auto", 1)
     samples = []
     for folder in folders:

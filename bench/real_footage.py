@@ -1,6 +1,6 @@
 """Real footage against another pipeline's result: four cameras, a man on a beam, a bystander in view.
 
-    python bench/real_footage.py [--data ../shared/data/pose2sim_single] [--networks movenet_thunder ...]
+    python bench/real_footage.py [--data ../shared/data/pose2sim_single] [--networks rtmpose_m ...]
 
 The reference (Pose2Sim's triangulation of OpenPose) is another markerless estimate, not the truth: distances show what
 changes for better or worse, not how accurate either is. A table on stderr, one JSON object on stdout.

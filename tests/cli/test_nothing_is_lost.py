@@ -26,10 +26,11 @@ from posefuse.cli.calibrate import RigOptions, check_files
 from posefuse.cli.main import main
 from posefuse.core import InputError, PosefuseError
 from posefuse.detection.card import read_card
-from posefuse.detection.files import fetch
+from posefuse.detection.download import WheelSource
+from posefuse.detection.files import fetch_all
 from posefuse.formats.rig import read_rig
 from posefuse.foundation.output_file import earlier_kept
-from posefuse.foundation.output_folder import MARK_FILE, OutputFolder, check_replaceable, growing_folder, output_folder
+from posefuse.foundation.output_folder import MARK_FILE, OutputFolder, growing_folder
 from posefuse.pipeline.config import CONFIG_FILE
 
 Command = Callable[[Path, bool], int]
@@ -84,7 +85,7 @@ MODEL_FILE = "pose_landmark_full.tflite"
 # names that commands write themselves, or wrote once, and some of the user's
 NAMES = st.sampled_from(
     ["report.html", "recording.json", "recording.npz", "rig.toml", "scene.yaml", "INCOMPLETE", MARK_FILE, "compare.json"]
-    + ["compare.html", "latency.json", "walking.json", "out", "out.partial", "videos", "thesis [final].docx", "x[/b]", ".hidden"]
+    + ["compare.html", "walking.json", "out", "out.partial", "videos", "thesis [final].docx", "x[/b]", ".hidden"]
     + ["posefuse.toml", "models", MODEL_FILE]
 )
 TREES = st.dictionaries(st.lists(NAMES, min_size=1, max_size=3).map("/".join), st.binary(max_size=20), max_size=6)
@@ -163,13 +164,6 @@ def printed(results: Path, out: Path, force: bool) -> int:
     return main(["calibrate", "print", "--cube", "--marker-mm", "100", "--out", str(out)])
 
 
-def live_reported(results: Path, out: Path, force: bool) -> None:
-    """What `posefuse live --report` does around its session."""
-    check_replaceable(out, command="live", replace=False)
-    with output_folder(out, command="live") as made:
-        (made.folder / "latency.json").write_text("{}")
-
-
 def experimented(results: Path, out: Path, force: bool) -> None:
     """What `python -m paper` does around its experiments."""
     made = growing_folder(out, command="experiment", names=["walking.json"])
@@ -192,14 +186,16 @@ def calibrated(results: Path, out: Path, force: bool) -> None:
 
 
 def models_fetched(results: Path, out: Path, force: bool) -> None:
-    """`posefuse models --from WHEEL`, for a network of a few bytes."""
+    """`posefuse models`, for a network of a few bytes."""
     content, wheel = b"a network", results / "mediapipe-1-x.whl"
     sha256 = hashlib.sha256(content).hexdigest()
     card = dataclasses.replace(read_card("blazepose_full"), size_bytes=len(content), sha256=sha256)
     if not wheel.exists():
         with zipfile.ZipFile(wheel, "w") as archive:
             archive.writestr(card.source.member, content)
-    assert fetch(card, out, wheel).name == MODEL_FILE
+    with pytest.MonkeyPatch.context() as patched:
+        patched.setattr(WheelSource, "download", lambda *_: wheel)
+        assert fetch_all([card], out)[0].name == MODEL_FILE
 
 
 def simulated(results: Path, out: Path, force: bool) -> None:
@@ -216,7 +212,7 @@ def simulated(results: Path, out: Path, force: bool) -> None:
         sessions.simulate(read_scene(scene), out, replace=force)
 
 
-COMMANDS = [tracked_again, reported, compared, printed, live_reported, experimented, calibrated, models_fetched, simulated]
+COMMANDS = [tracked_again, reported, compared, printed, experimented, calibrated, models_fetched, simulated]
 
 
 @pytest.mark.parametrize("work", COMMANDS)

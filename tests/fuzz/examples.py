@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import hashlib
 import shutil
 import sys
 import tarfile
 import zipfile
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 
 import cv2
@@ -17,7 +16,7 @@ import numpy as np
 from posefuse.calibration.extrinsics.world import read_floor_points
 from posefuse.core.skeleton import BODY_25
 from posefuse.detection.card import read_card
-from posefuse.detection.files import fetch
+from posefuse.detection.download import member_of
 from posefuse.evaluation.tracks import read_tracks
 from posefuse.formats.c3d import C3dData, read_c3d, write_c3d
 from posefuse.formats.pose2d import read_openpose_folder, read_pose2d
@@ -168,9 +167,8 @@ def _read_openpose(path: Path) -> None:
     list(read_openpose_folder(path.parent, "cam00").frames(30.0))
 
 
-def _fetched(card: str) -> Callable[[Path], object]:
-    made = {"size_bytes": len(NETWORK), "sha256": hashlib.sha256(NETWORK).hexdigest()}
-    return lambda archive: fetch(replace(read_card(card), **made), archive.parent / "cache", archive)
+def _unpacked(card: str) -> Callable[[Path], object]:
+    return lambda archive: member_of(archive, read_card(card).source, len(NETWORK))
 
 
 def _read_mcap(path: Path) -> None:
@@ -202,8 +200,8 @@ EXAMPLES: dict[str, Example] = {
     "COCO JSON": Example("results.json", WRITERS["coco"][0], _read_pose2d),
     "MMPose JSON": Example("cam.json", WRITERS["mmpose"][0], _read_pose2d),
     "DeepLabCut CSV": Example("camDLC.csv", WRITERS["deeplabcut"][0], _read_pose2d),
-    "wheel": Example("mediapipe-0.10.21-x.whl", _wheel, _fetched("blazepose_full")),
-    "npm package": Example("mediapipe-pose-0.5.1675469404.tgz", _npm, _fetched("blazepose_heavy")),
+    "wheel": Example("mediapipe-0.10.21-x.whl", _wheel, _unpacked("blazepose_full")),
+    "npm package": Example("mediapipe-pose-0.5.1675469404.tgz", _npm, _unpacked("blazepose_heavy")),
     "MCAP": Example("a.mcap", _mcap, _read_mcap),
     "compare TRC": Example("a.trc", _compared(_trc)),
     "compare C3D": Example("a.c3d", _compared(_c3d)),

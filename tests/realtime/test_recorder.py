@@ -153,7 +153,7 @@ def test_a_bad_exposure_is_named_and_a_good_one_is_not() -> None:
 def test_sources_need_no_rig_and_keep_their_order() -> None:
     found = inputs_from_arguments(["z=video:a.mp4", "a=usb:/dev/video1"], None)
     assert [(one.camera, one.kind) for one in found] == [("z", "video"), ("a", "usb")]
-    refusal(SourceError, r"expected a size, e\.g\. c=oak:any@1280x720@30", inputs_from_arguments, ["c=oak:any"], None)
+    refusal(SourceError, r"expected a size, e\.g\. c=realsense:any@1280x720@30", inputs_from_arguments, ["c=realsense:any"], None)
 
 
 def test_a_source_that_cannot_be_opened_leaves_nothing(tmp_path: Path) -> None:

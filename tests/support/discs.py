@@ -55,10 +55,7 @@ def card_of(kind: str, folder: Path) -> Path:
     persons = graphs.bright_person(folder / "persons.onnx", (320, 256), 60.0)
     graphs.write_card(folder / "persons.toml", "detections", persons, (320, 256), rest="fill = 0\n")
     path = folder / f"{kind}.onnx"
-    if kind == "movenet":
-        size = (256, 256)
-        network = graphs.colour_one_stage(path, size, normalised, REACH, kind)
-    elif kind == "synthpose":
+    if kind == "synthpose":
         # each disc stands for several of its keypoints
         size, top = (192, 256), top.replace("coco17", "synthpose_52")
         network = graphs.colour_heatmaps(path, size, np.resize(normalised, (len(SKELETONS["synthpose_52"]), 3)), REACH)

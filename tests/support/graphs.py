@@ -149,20 +149,12 @@ def colour_heatmaps(path: Path, size_wh: tuple[int, int], colours: np.ndarray, r
 
 
 def colour_one_stage(path: Path, size_wh: tuple[int, int], colours: np.ndarray, reach: float, layout: str) -> Path:
-    """One person per image from the same marks, as MoveNet, RTMO or a YOLO-pose head gives them."""
+    """One person per image from the same marks, as RTMO or a YOLO-pose head gives them."""
     graph = Graph(size_wh)
     similar = _similarity(graph, colours, reach)
     (x, total), (y, _) = _mean(graph, similar, 2, size_wh[0]), _mean(graph, similar, 3, size_wh[1])
     points, there = (x, y), _there(graph, total)
     marks = graph.add("Concat", *points, there, axis=2)  # (1, K, 3)
-    if layout == "movenet":
-        # shares of the input as MoveNet counts, y first
-        y, x = (
-            graph.add("Mul", graph.add("Add", at, graph.floats(0.2)), graph.floats(1 / count))
-            for at, count in ((points[1], size_wh[1]), (points[0], size_wh[0]))
-        )
-        graph.add("Unsqueeze", graph.add("Concat", y, x, there, axis=2), graph.integers(1), name="Identity")
-        return graph.save(path, ["Identity"])
     xy = graph.add("Concat", *points, axis=2)
     low = graph.add("ReduceMin", xy, axes=[1], keepdims=0)
     high = graph.add("ReduceMax", xy, axes=[1], keepdims=0)

@@ -2,23 +2,17 @@
 
 from __future__ import annotations
 
-import json
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any, Literal
 
-import numpy as np
-
-from posefuse import __version__, core
+from posefuse import core
 from posefuse.core import ConfigError, InputError, LiveOutputConfig, Progress
 from posefuse.core.errors import warn_caller
-from posefuse.formats.page import Page, Plot, Plots, Spikes, write_page
 from posefuse.formats.rig import rig_warnings
 from posefuse.foundation.output_file import check_first_part, real_path
-from posefuse.foundation.output_folder import check_replaceable, output_folder
-from posefuse.foundation.parsing import plain
 from posefuse.foundation.plugins import plugin_config
 from posefuse.foundation.settings import settings_from_mapping
 from posefuse.foundation.summary import MISSING, Block, Facts, Heading, Note, Table, number_text
@@ -37,9 +31,6 @@ from posefuse.realtime.video_keeping import read_counts
 from .arguments import lines_of, shown
 from .record import check_videos_folder, kept_videos, video_figures
 from .rig_and_detector import rig_of
-
-_TOP_OF_P95 = 2.0
-JSON_FILE, PAGE_FILE = "latency.json", "latency.html"
 
 
 def live_plan(
@@ -123,11 +114,9 @@ class LiveRun:
         return self.blocks
 
 
-def finished_run(done: Finished, *, report: Path | None, more: Mapping[str, Any], failed: bool = False) -> LiveRun:
-    """Of a session that is over; its latency report goes to `report`. `more`: further figures."""
+def finished_run(done: Finished, *, more: Mapping[str, Any], failed: bool = False) -> LiveRun:
+    """Of a session that is over. `more`: further figures."""
     figures = {**live_figures(done), **more}
-    if report is not None:
-        write_latency_report(report, done, figures)
     problems = [Note(line, warning=True) for line in closing_lines(done.fusion)]
     return LiveRun(
         figures=figures,
@@ -150,7 +139,6 @@ def track_live(
     duration_s: float | None = None,
     loop_s: float | None = None,
     videos: str | Path | None = None,
-    report: str | Path | None = None,
     on_end: Callable[[LiveRun], None] | None = None,
     progress: Progress | bool | None = None,
 ) -> LiveRun:
@@ -162,7 +150,7 @@ def track_live(
         outputs: options of outputs by name, e.g. ``{"record": {"path": "walk.mcap"}, "osc": {"to": ["localhost:9000"]}}``.
         axes: of outputs that have such an option: ``z_up``, ``y_up``, ``y_up_left_handed``.
         loop_s: show the first seconds of videos and simulated sessions again and again.
-        videos: new folder that keeps the cameras' videos, a session for `track`. report: new folder for the latency report.
+        videos: new folder that keeps the cameras' videos, a session for `track`.
         on_end: is given the figures before the videos are moved to their place, which a full disk may not allow.
         progress: True shows the session's news on stderr.
 
@@ -175,8 +163,6 @@ def track_live(
         >>> run.figures["poses_per_s"]  # doctest: +SKIP
         100.0
     """
-    if report is not None:
-        check_replaceable(Path(report), command="live", replace=False)
     recorded = (outputs or {}).get("record", {}).get("path")
     if videos is not None:
         _check_videos(Path(videos), None if recorded is None else Path(recorded))
@@ -195,7 +181,7 @@ def track_live(
             done = run_live(plan, say, videos=folder)
             kept = video_figures(read_counts(folder, [entry.camera for entry in plan.inputs])) if folder else {}
             failed = any(one["fault"] for one in kept.values())
-            run = finished_run(done, report=None if report is None else Path(report), more={"videos": kept}, failed=failed)
+            run = finished_run(done, more={"videos": kept}, failed=failed)
             if on_end is not None:
                 on_end(run)
     return run
@@ -323,36 +309,3 @@ def live_summary(figures: Mapping[str, Any]) -> list[Block]:
         Heading("Session"),
         Facts(facts),
     ]
-
-
-def write_latency_report(folder: Path, done: Finished, figures: Mapping[str, Any]) -> None:
-    """latency.json and latency.html (the newest views' latencies over time) into `folder`."""
-    content = {"posefuse": __version__, "rig_id": done.fusion.rig.id, **figures}
-    try:
-        with output_folder(folder, command="live") as out:
-            (out.folder / JSON_FILE).write_text(json.dumps(plain(content), indent=2) + "\n", encoding="utf-8")
-            write_page(out.folder / PAGE_FILE, latency_page(done, figures))
-    except OSError as error:
-        raise InputError(f"{folder}: the report cannot be written ({error.strerror})") from None
-
-
-def latency_page(done: Finished, figures: Mapping[str, Any]) -> Page:
-    """One spike per view, as high as its latency, over the session."""
-    views = [(way.camera, (way.exposed_ns - done.zero_ns) / 1e9, (out_ns - way.exposed_ns) / 1e6)
-             for way, out_ns in done.fusion.latencies.newest]  # fmt: skip
-    title = "Latency from exposure to output"
-    if not views:
-        return Page(title, [Note("No view reached an output.")])
-    t_s = np.array([t for _, t, _ in views])
-    # one scale for all cameras, which a single late view does not flatten
-    top_ms = _TOP_OF_P95 * float(np.percentile([ms for _, _, ms in views], 95))
-    window = (float(t_s.min()), max(float(t_s.max()), float(t_s.min()) + 1e-3), 0.0, top_ms)
-    text = f"One spike per view, the newest {len(views)} of all cameras; zoom out to see those that are higher than drawn."
-    plots = []
-    for name in done.fusion.rig.names:
-        own = np.array([(t, ms) for camera, t, ms in views if camera == name]).reshape(-1, 2)
-        mean_ms = figures["latency"]["cameras_ms"][name]["total"]["mean"]
-        said = f"mean {mean_ms:.1f} ms, highest {own[:, 1].max():.1f} ms" if len(own) else "no view"
-        spikes = Spikes("latency", own[:, 0], np.zeros(len(own)), own[:, 1])
-        plots.append(Plot(f"{name}: {said}", [spikes], x_label="s of the session", y_label="ms", window=window, legend=False))
-    return Page(title, [Heading("One spike per view", text), Plots(plots)])

@@ -13,14 +13,12 @@ from importlib.metadata import PackageNotFoundError, entry_points, requires, ver
 from pathlib import Path
 from typing import Any
 
-from posefuse.core import ConfigError, ModelError, Progress
+from posefuse.core import Progress
 from posefuse.detection import default_cards, list_cards, status
-from posefuse.detection.build import DetectorChoice, device_word
 from posefuse.detection.card import NetworkCard, needed_cards
-from posefuse.detection.choosing import installed_networks, measured_costs
 from posefuse.detection.engines import devices_found
-from posefuse.detection.files import Trust, fetch_all, holds, model_path
-from posefuse.foundation.platform import default_cache_dir, display, usable_cores, usb_cameras
+from posefuse.detection.files import fetch_all, model_path
+from posefuse.foundation.platform import default_cache_dir, usable_cores, usb_cameras
 from posefuse.foundation.plugins import GROUPS, list_plugins, option_names
 from posefuse.foundation.summary import Block, Heading, Note, Table
 
@@ -36,7 +34,6 @@ EXTRAS = {
     "lsl": "Lab Streaming Layer",
     "teleop": "robot follows a hand",
     "realsense": "depth cameras of Intel",
-    "oak": "depth cameras of Luxonis",
     "onnx": "networks through ONNX Runtime",
     "gpu": "networks on a graphics card of NVIDIA",
     "cluster": "batch on a Dask cluster",
@@ -99,7 +96,6 @@ def doctor() -> Machine:
     """
     checks = [
         _python(),
-        _processor(),
         _disk(),
         _cache(),
         _video_codec(),
@@ -109,20 +105,13 @@ def doctor() -> Machine:
         *_extras(),
         _cameras(),
         *_of_packages(),
-        _display(),
     ]
     return Machine(checks=tuple(checks))
 
 
 def _python() -> MachineCheck:
-    found = f"{platform.python_version()} on {platform.system()} {platform.machine()}"
+    found = f"{platform.python_version()} on {platform.system()} {platform.machine()}, {usable_cores()} cores"
     return MachineCheck("Python", sys.version_info >= (3, 11), True, found, "install Python 3.11 or newer")
-
-
-def _processor() -> MachineCheck:
-    cores = usable_cores()
-    cure = "two cores or more keep decoding and inference apart"
-    return MachineCheck("processor", cores >= 2, False, f"{cores} cores", cure)
 
 
 def _disk() -> MachineCheck:
@@ -249,35 +238,21 @@ def _cameras() -> MachineCheck:
     return MachineCheck("USB cameras", bool(found), False, ", ".join(found) or "none", cure)
 
 
-def _display() -> MachineCheck:
-    found = display()
-    cure = "only `posefuse view` and `posefuse live --view` need one; files can be looked at elsewhere"
-    return MachineCheck("display", bool(found), False, found or "none", cure)
-
-
 @dataclass(frozen=True, kw_only=True)
 class Models:
-    """The networks on this machine: name, use, state, licence and file of each; those that were asked for and are not ready.
-
-    `measured`: network, device, milliseconds per image and how many cameras it sustains, of those that were measured.
-    """
+    """The networks on this machine: name, use, state, licence and file of each; those that were asked for and are not ready."""
 
     folder: Path
     models: tuple[dict[str, str], ...]
     missing: tuple[str, ...]
-    measured: tuple[dict[str, Any], ...] = ()
 
     @property
     def figures(self) -> dict[str, Any]:
         """Plain values."""
-        measured = {"measured": [dict(one) for one in self.measured]} if self.measured else {}
-        return {"models": [dict(one) for one in self.models], **measured, "exit_code": int(bool(self.missing))}
+        return {"models": [dict(one) for one in self.models], "exit_code": int(bool(self.missing))}
 
     def summary(self) -> list[Block]:
         """The networks, for people."""
-        if self.measured:
-            columns = ("network", "device", "ms per image", "cameras sustained", "keeps up")
-            return [Heading("Networks on this machine"), Table(columns, [[*one.values()] for one in self.measured])]
         rows = [[*one.values()][:-1] for one in self.models]
         table = Table(("model", "for", "state", "licence"), rows, text=True)
         line = f"missing or damaged: {', '.join(self.missing)}; `posefuse models` fetches them"
@@ -289,39 +264,29 @@ def models(
     names: Sequence[str] = (),
     *,
     check: bool = False,
-    source: str | Path | None = None,
     accept_licence: bool = False,
-    locked: bool = False,
-    measure: tuple[int, float] | None = None,
-    device: str | int = "auto",
     progress: Progress | bool | None = None,
 ) -> Models:
     """Download neural networks into the user's cache and verify them.
 
     Args:
-        names: of models; none: those that the default settings need, or with `source` all that it holds.
+        names: of models; none: those that the default settings need.
         check: only look at what is there.
-        source: a wheel, npm archive, zip archive, model file or folder instead of a download.
         accept_licence: the terms of these networks were read and are accepted.
-        locked: only networks whose sha256 is known, from the card or from an earlier download.
-        measure: number of cameras and their frames per second: find out which of the networks keep up with them (none named:
-            all that are installed). Nothing is downloaded.
-        device: where that is measured, e.g. ``cpu`` or ``cuda:1``.
         progress: True for lines on stderr, or a function (see `Progress`).
 
     Raises:
-        ModelError: no such model or source, or one that cannot be had. ConfigError: no such device, or nothing to measure.
+        ModelError: no such model, or one that cannot be had.
 
     Examples:
         >>> import posefuse as pf
         >>> pf.models(check=True).missing  # doctest: +SKIP
         ()
     """
-    cache_dir, wanted = default_cache_dir(), _wanted(names, None if source is None else Path(source))
-    if not (check or measure):
+    cache_dir, wanted = default_cache_dir(), _wanted(names)
+    if not check:
         with shown(progress) as report:
-            given, trust = None if source is None else Path(source), Trust(terms=accept_licence, locked=locked)
-            fetch_all(wanted, cache_dir, given, lambda _, __, ___, line="": report("models", 0, None, line), trust)
+            fetch_all(wanted, cache_dir, lambda _, __, ___, line="": report("models", 0, None, line), terms=accept_licence)
     found = tuple(
         {
             "name": card.name,
@@ -333,35 +298,11 @@ def models(
         for card in list_cards()
     )
     missing = tuple(card.name for card in wanted if status(card, cache_dir) != "ready")
-    measured = _measured(names, *measure, device_word(device)) if measure else ()
-    return Models(folder=cache_dir, models=found, missing=missing, measured=measured)
+    return Models(folder=cache_dir, models=found, missing=missing)
 
 
-def _measured(names: Sequence[str], cameras: int, rate_hz: float, device: str) -> tuple[dict[str, Any], ...]:
-    if cameras < 1 or not rate_hz > 0:
-        raise ConfigError(f"measure: expected a number of cameras and their rate, both more than 0, got {cameras} {rate_hz:g}")
-    costs = measured_costs(names or installed_networks(), DetectorChoice(options={"device": device}))
-    return tuple(
-        {
-            "network": cost.name,
-            "device": cost.device,
-            "ms_per_image": round(1000 * cost.image_s, 2),
-            "cameras": cost.most_cameras(rate_hz),
-            "keeps_up": cost.sustains(cameras, rate_hz),
-        }
-        for cost in costs
-    )
-
-
-def _wanted(names: Sequence[str], source: Path | None) -> list[NetworkCard]:
-    if source is not None and not source.exists():
-        raise ModelError(f"{source}: no such archive, model file or folder")
-    if names:
-        needed = {card.name: card for name in names for card in needed_cards(name)}.values()
-        # an archive of one network seldom has what finds people for it, which is fetched by itself
-        return [card for card in needed if source is None or card.keypoints or card.name in names or holds(source, card)]
-    held = [card for card in list_cards() if source is not None and holds(source, card)]
-    return held or default_cards()
+def _wanted(names: Sequence[str]) -> list[NetworkCard]:
+    return list({card.name: card for name in names for card in needed_cards(name)}.values()) or default_cards()
 
 
 @dataclass(frozen=True, kw_only=True)

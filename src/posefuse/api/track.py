@@ -82,7 +82,7 @@ def track(
         >>> recording = pf.track("examples/demo", end_s=0.5)  # doctest: +SKIP
         >>> recording.save("RESULT", formats=("trc", "c3d"))  # doctest: +SKIP
     """
-    from posefuse.detection.build import locked, network_settings
+    from posefuse.detection.build import network_settings
     from posefuse.pipeline.reading import is_live
     from posefuse.pipeline.result_folder import ResultFolder
     from posefuse.pipeline.session import find_session
@@ -98,7 +98,6 @@ def track(
     changes = {key: value for key, value in (options | {"outputs": names}).items() if value is not None}
     changes |= network_settings(networks, device) | dict(settings or {})
     chosen = session_config(folder, config, changes, outputs=out is not None)
-    chosen = dataclasses.replace(chosen, detector=locked(chosen.detector, folder))
     found, where = find_session(folder, chosen), None
     if out is not None:
         where = ResultFolder(path=Path(out), force=replace, resume=resume)

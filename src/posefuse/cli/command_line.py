@@ -254,7 +254,7 @@ USUAL = {
     "export": "--out --outputs --session",
     "compare": "--out --no-time --no-space",
     "simulate": "--out --plan --gazebo --force",
-    "models": "--check --from --accept-licence",
+    "models": "--check --accept-licence",
     "fit-noise": "--scenes-in",
     "plugins": "",
 }

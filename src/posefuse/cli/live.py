@@ -58,7 +58,6 @@ class OutputOptions:
         axes: Axes of OSC and JSON (default z_up).
         view: Open the Rerun viewer (extra: viewer).
         view_file: Write what the viewer would show to a file.
-        report: Write the latency of every camera and stage.
     """
 
     record: Annotated[Path | None, Parameter(metavar="FILE.mcap")] = None
@@ -71,7 +70,6 @@ class OutputOptions:
     axes: Annotated[Literal["z_up", "y_up", "y_up_left_handed"] | None, Parameter(name_transform=str)] = None
     view: bool = False
     view_file: Annotated[Path | None, Parameter(metavar="FILE.rrd")] = None
-    report: Annotated[Path | None, Parameter(metavar="DIR")] = None
 
     @property
     def chosen(self) -> dict[str, dict[str, Any]]:
@@ -132,7 +130,6 @@ def live(
             duration_s=timing.duration,
             loop_s=timing.loop,
             videos=videos,
-            report=outputs.report,
             on_end=lambda run: terminal.show(run.summary()),
             progress=progress,
         )
@@ -162,5 +159,3 @@ def _show_next(outputs: OutputOptions, terminal: Terminal, *, people: bool) -> N
     elif people and outputs.record.exists():
         terminal.next(f"posefuse report {quoted(outputs.record)}", "joint angles, gait, files for OpenSim and Blender, one page")
         terminal.next(f"posefuse solve {quoted(outputs.record)} --out DIR", "solves it again over all of time, more exactly")
-    if outputs.report:
-        terminal.next(f"open {outputs.report / 'latency.html'}", "the latency per camera and stage")

@@ -1,6 +1,5 @@
 """`posefuse doctor`, `models`, `plugins` and `studio`: what this machine has."""
 
-from pathlib import Path
 from typing import Annotated
 
 from cyclopts import Parameter
@@ -8,8 +7,6 @@ from cyclopts import Parameter
 import posefuse as pf
 
 from .options import Figures, Shown, check_used
-
-_FROM_HELP = "A wheel, npm archive, model file or folder instead of a download; with no MODEL, all that it holds."
 
 
 def doctor(*, terminal: Shown) -> Figures:
@@ -35,11 +32,7 @@ def plugins(*, terminal: Shown) -> Figures:
 def models(
     *names: Annotated[str, Parameter(metavar="MODEL")],
     check: bool = False,
-    source: Annotated[Path | None, Parameter(name="--from", metavar="PATH", help=_FROM_HELP)] = None,
     accept_licence: bool = False,
-    locked: bool = False,
-    measure: Annotated[tuple[int, float] | None, Parameter(metavar="CAMERAS RATE")] = None,
-    device: Annotated[str, Parameter(metavar="WORD")] = "auto",
     terminal: Shown,
 ) -> Figures:
     """Download the neural networks into the user's cache and verify them.
@@ -48,23 +41,14 @@ def models(
         names: Names of models (default: those that the default settings need).
         check: Only verify what is there; exit code 1 where a network is missing or damaged.
         accept_licence: Accept the terms of the networks named.
-        locked: Only networks whose sha256 is known, from the card or from an earlier download.
-        measure: Download nothing; measure which networks keep up with so many cameras of this rate (default: all installed).
-        device: Processor to measure on, e.g. cpu or cuda:1.
     """
-    no_download = "--check" if check else "--measure" if measure else ""
     check_used(
         [
-            ("--accept-licence", accept_licence, not no_download, f"expected a download, not {no_download}"),
-            ("--locked", locked, not no_download, f"expected a download, not {no_download}"),
-            ("--accept-licence", accept_licence, names or source, "expected the names of the networks whose terms were read"),
-            (f"--device {device}", device != "auto", measure, "goes with --measure CAMERAS RATE only"),
+            ("--accept-licence", accept_licence, not check, "expected a download, not --check"),
+            ("--accept-licence", accept_licence, names, "expected the names of the networks whose terms were read"),
         ]
     )
     with terminal.stages() as progress:
-        found = pf.models(
-            names, check=check, source=source, accept_licence=accept_licence, locked=locked, measure=measure, device=device,
-            progress=progress,
-        )  # fmt: skip
+        found = pf.models(names, check=check, accept_licence=accept_licence, progress=progress)
     terminal.show(found.summary())
     return found.figures

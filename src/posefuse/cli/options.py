@@ -219,7 +219,7 @@ Sources = Annotated[
         metavar="CAMERA=KIND:WHERE",
         group=CAMERAS,
         help="One per camera: video:FILE, usb:DEVICE[@640x480@30] (Linux /dev/video0, macOS 0, Windows the name), rtsp://..., "
-        "http://..., ros:/TOPIC, realsense:SERIAL, oak:SERIAL; or sim:SESSION for all cameras.",
+        "http://..., ros:/TOPIC, realsense:SERIAL; or sim:SESSION for all cameras.",
     ),
 ]
 

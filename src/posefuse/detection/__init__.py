@@ -10,6 +10,6 @@ if TYPE_CHECKING:
     from .build import DetectorChoice, fetch_networks, network_settings
     from .card import list_cards, named_networks, read_card
     from .crops import region_from_keypoints, region_from_pose, up_angle_rad
-    from .files import fetch, fetch_all, status
+    from .files import fetch_all, status
 
 __getattr__ = lazy_names(__name__, __file__)

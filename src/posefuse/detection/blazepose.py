@@ -109,7 +109,7 @@ class BlazePoseConfig:
     def fetch(self, progress: Progress = silent) -> list[Path]:
         """The network files, fetched where they are missing; see `fetch_all` for what is reported and raised."""
         openvino_device(self.device)
-        return fetch_all(self.cards(), default_cache_dir(), None, progress)
+        return fetch_all(self.cards(), default_cache_dir(), progress)
 
     def build(self) -> BlazePoseDetector:
         """Fetch what is missing, compile, and be ready; raises ModelError when a network cannot be had."""

@@ -14,27 +14,7 @@ from posefuse.core.arrays import Array
 
 from .card import Decoding, OnnxCard
 from .crops import overlapping_groups
-from .decode import Keypoints, People, keypoints_from_heatmaps, keypoints_from_movenet, keypoints_from_simcc
-
-_STRIDES = (8, 16, 32)
-
-
-def people_from_yolox(output: Array, size_wh: tuple[int, int], decoding: Decoding) -> People:
-    """People of a YOLOX head, best first.
-
-    Args:
-        output: (1, A, 5 + classes): centre x, y, width, height, objectness and class probabilities of each cell of grids of
-            stride 8, 16 and 32, row by row; with `raw_boxes` the first four as offsets from the cell and logarithms, in strides.
-        size_wh: px of the input.
-        decoding: thresholds, and which class is a person.
-    """
-    rows = output[0].astype(np.float64)
-    centre, size = rows[:, :2], rows[:, 2:4]
-    if decoding.raw_boxes:
-        cells, strides = _grid(size_wh)
-        centre, size = (centre + cells) * strides, np.exp(np.minimum(size, 20.0)) * strides
-    score = rows[:, 4] * rows[:, 5 + decoding.person_class]
-    return _kept(np.hstack([centre - size / 2, centre + size / 2]), score, decoding)
+from .decode import Keypoints, People, keypoints_from_heatmaps, keypoints_from_simcc
 
 
 def people_from_detections(detections: Array, labels: Array | None, decoding: Decoding) -> People:
@@ -59,21 +39,6 @@ def _kept(box: Array, score: Array, decoding: Decoding, points: Array | None = N
     known = np.clip(np.nan_to_num(points[chosen, :, 2]), 0, 1)
     xy = np.where(known[..., None] > 0, points[chosen, :, :2], np.nan)
     return People(box[chosen], score[chosen], Keypoints(xy, known, np.full_like(xy, np.nan), np.zeros_like(known)))
-
-
-def cell_count(size_wh: tuple[int, int]) -> int:
-    """How many cells the grids of a YOLOX head have for this input."""
-    return sum((size_wh[0] // stride) * (size_wh[1] // stride) for stride in _STRIDES)
-
-
-def _grid(size_wh: tuple[int, int]) -> tuple[Array, Array]:
-    """Column and row (A, 2) of each cell in its grid, and its stride (A, 1)."""
-    cells, strides = [], []
-    for stride in _STRIDES:
-        x, y = np.meshgrid(np.arange(size_wh[0] // stride), np.arange(size_wh[1] // stride))
-        cells.append(np.stack([x.ravel(), y.ravel()], axis=-1))
-        strides.append(np.full((x.size, 1), stride))
-    return np.concatenate(cells), np.concatenate(strides)
 
 
 _BOX_AND_SCORE, _BOX_SCORE_CLASS = 5, 6
@@ -109,7 +74,6 @@ def people_from_yolo_pose(output: Array, decoding: Decoding) -> People:
 
 # per output of a layout, a shape whose letters may be any number
 Shape = tuple[int | str, ...]
-_LEAST_YOLOX_VALUES = 6
 
 
 def expected_shapes(card: OnnxCard) -> list[Shape]:
@@ -121,14 +85,10 @@ def expected_shapes(card: OnnxCard) -> list[Shape]:
         return [(1, count, round(width * ratio)), (1, count, round(height * ratio))]
     if card.kind == "heatmap":
         return [(1, count, "h", "w")]
-    if card.kind == "movenet":
-        return [(1, 1, count, 3)]
     if card.kind == "rtmo":
         return [(1, "n", 5), (1, "n", count, 3)]
     if card.kind == "yolo_pose":
         return [(1, "n", 6 + 3 * count) if card.decoding.end_to_end else (1, 5 + 3 * count, "n")]
-    if card.kind == "yolox":
-        return [(1, cell_count(card.input.size_wh), "5 + classes")]
     return [(1, "n", 5), (1, "n")]
 
 
@@ -139,8 +99,6 @@ def check_outputs(card: OnnxCard, names: Sequence[str], outputs: Sequence[Array]
     got = [tuple(output.shape) for output in outputs]
     enough = len(expected) - optional <= len(got)
     fitting = enough and all(_fits(shape, wanted) for shape, wanted in zip(got, expected, strict=False))
-    if card.kind == "yolox" and fitting:
-        fitting = got[0][2] >= _LEAST_YOLOX_VALUES + card.decoding.person_class
     if not fitting:
         have = ", ".join(f"{name} {shape}" for name, shape in zip(names, got, strict=True))
         wanted = ", ".join(_text(shape) for shape in expected)
@@ -151,8 +109,6 @@ def keypoints_of(card: OnnxCard, outputs: Sequence[Array]) -> Keypoints:
     """Keypoints (B, K) of a top-down network's outputs (B, ...) for B crops."""
     if card.kind == "simcc":
         return keypoints_from_simcc(outputs[0], outputs[1], card.decoding)
-    if card.kind == "movenet":
-        return keypoints_from_movenet(outputs[0], card.input.size_wh)
     return keypoints_from_heatmaps(outputs[0], card.input.size_wh, card.decoding)
 
 
@@ -162,8 +118,6 @@ def people_from_outputs(card: OnnxCard, outputs: Sequence[Array]) -> People:
         return people_from_rtmo(outputs[0], outputs[1], card.decoding)
     if card.kind == "yolo_pose":
         return people_from_yolo_pose(outputs[0], card.decoding)
-    if card.kind == "yolox":
-        return people_from_yolox(outputs[0], card.input.size_wh, card.decoding)
     return people_from_detections(outputs[0], outputs[1] if len(outputs) > 1 else None, card.decoding)
 
 

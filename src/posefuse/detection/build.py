@@ -147,16 +147,6 @@ def network_settings(network: str | Path | None, device: str | int | None = None
     return chosen | {f"detector.options.{key}": value for key, value in options.items()}
 
 
-def locked(choice: DetectorChoice, folder: Path) -> DetectorChoice:
-    """The choice, held to the networks that a session's folder names by their hashes, if it has such a file."""
-    from .files import LOCK_FILE
-
-    lock = folder / LOCK_FILE
-    if choice.name != "onnx" or not lock.is_file():
-        return choice
-    return DetectorChoice(name=choice.name, options={"lock": str(lock), **choice.options})
-
-
 def fetch_networks(choice: DetectorChoice, progress: Progress = silent) -> None:
     """Download the networks that the detector needs and does not have.
 

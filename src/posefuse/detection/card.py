@@ -14,15 +14,15 @@ from posefuse.core import SKELETONS, ConfigError, ModelError, Skeleton
 from posefuse.core.errors import choices
 from posefuse.foundation.settings import read_mapping, settings, settings_from_mapping
 
-from .download import NpmSource, Source, UrlSource
+from .download import Source, UrlSource
 
 CARDS_FOLDER = Path(__file__).parent / "cards"
 _BESIDE_SUFFIXES = (".noise.toml", ".joint_centres.toml")
 
-Layout = Literal["simcc", "heatmap", "movenet", "rtmo", "yolo_pose", "yolox", "detections"]
-TOP_DOWN: tuple[Layout, ...] = ("simcc", "heatmap", "movenet")
+Layout = Literal["simcc", "heatmap", "rtmo", "yolo_pose", "detections"]
+TOP_DOWN: tuple[Layout, ...] = ("simcc", "heatmap")
 ONE_STAGE: tuple[Layout, ...] = ("rtmo", "yolo_pose")
-PERSONS: tuple[Layout, ...] = ("yolox", "detections")
+PERSONS: tuple[Layout, ...] = ("detections",)
 BLAZEPOSE_PERSONS = "blazepose_persons"
 LAYOUTS = (*TOP_DOWN, *ONE_STAGE, *PERSONS)
 Positive = Annotated[float, Gt(0)]
@@ -59,24 +59,21 @@ class Decoding:
     Attributes:
         outputs: names of the outputs in the layout's order; left out: the file's own order.
         split_ratio: simcc: bins per px of the input.
-        subpixel: simcc, heatmap: ``none`` (the highest bin), ``quarter`` (a quarter cell towards the higher neighbour),
-            ``taylor`` (peak of a parabola through the logarithm) or ``dark`` (the same after a blur).
+        subpixel: simcc, heatmap: ``taylor`` (peak of a parabola through the logarithm) or ``dark`` (the same after a blur).
         blur_cells: dark: width of the blur's kernel, odd.
         udp: heatmap: the maker's unbiased data processing: the image spans size - 1 px, and so does a heatmap.
         end_to_end: yolo_pose: rows of people (box corners, score, class, keypoints) instead of columns of raw candidates.
-        raw_boxes: yolox: offsets from grid cells, not yet px.
-        person_class: yolox, detections: which class is a person.
+        person_class: detections: which class is a person.
         least_score: boxes below it are no person.
         most_overlap: of two boxes that overlap by more than this (intersection over union), the better one is kept.
     """
 
     outputs: tuple[str, ...] = ()
     split_ratio: Positive = 2.0
-    subpixel: Literal["none", "quarter", "taylor", "dark"] = "taylor"
+    subpixel: Literal["taylor", "dark"] = "taylor"
     blur_cells: Annotated[int, Ge(1)] = 11
     udp: bool = False
     end_to_end: bool = False
-    raw_boxes: bool = True
     person_class: Annotated[int, Ge(0)] = 0
     least_score: Share = 0.5
     most_overlap: Share = 0.45
@@ -140,8 +137,7 @@ class NetworkCard:
         file: the network next to the card; "" where it is fetched from `source`.
         source: where it is published; None for a local file.
         size_bytes: of the network's file; an archive is never unpacked beyond it.
-        sha256: of the network's file, as it is kept; "" where no source states it: then the file that is fetched first is kept to
-            (`files`).
+        sha256: of the network's file, as it is kept; "" where no source states it.
         licence, published: under which terms, and where the maker publishes it; for people.
         terms: what is to be read and accepted before it is fetched; None: nothing beyond the licence.
         keypoints: name of the keypoint set in `core.SKELETONS`; "" for a person detector.
@@ -172,10 +168,8 @@ class NetworkCard:
             return self.file
         if isinstance(self.source, UrlSource):
             # what is in archives is called alike; cards of the same archive share the file
-            return f"{PurePosixPath(self.source.file_pattern).stem if self.source.member else self.name}.onnx"
-        member = PurePosixPath(self.source.member)
-        # of a graph model of TensorFlow.js, what is made of it
-        return member.with_suffix(".pb").name if isinstance(self.source, NpmSource) and self.source.weights else member.name
+            return f"{PurePosixPath(self.source.file_name).stem if self.source.member else self.name}.onnx"
+        return PurePosixPath(self.source.member).name
 
     @property
     def skeleton(self) -> Skeleton:
@@ -217,7 +211,7 @@ class LandmarkCard(NetworkCard):
 
 @settings
 class OnnxCard(NetworkCard):
-    """A network in an ONNX file or a frozen TensorFlow graph (.pb), of one of `LAYOUTS`.
+    """A network in an ONNX file, of one of `LAYOUTS`.
 
     Attributes:
         persons: top-down: card that finds people, a TOML file or ``blazepose_persons``.
@@ -303,7 +297,5 @@ def _check(card: NetworkCard, path: Path) -> None:
         raise ConfigError(f"{path}: sha256: expected 64 hexadecimal digits, got {card.sha256!r}")
     if card.kind not in (*PERSONS, "person_ssd") and card.keypoints not in SKELETONS:
         raise ConfigError(f"{path}: keypoints: no keypoint set {card.keypoints!r}; there are: {choices(SKELETONS)}")
-    if isinstance(card, OnnxCard) and card.kind == "simcc" and card.decoding.subpixel == "quarter":
-        raise ConfigError(f"{path}: decoding.subpixel: quarter is for heatmaps; simcc takes none, taylor or dark")
     if isinstance(card, OnnxCard) and card.decoding.blur_cells % 2 == 0:
         raise ConfigError(f"{path}: decoding.blur_cells: expected an odd number, got {card.decoding.blur_cells}")

@@ -37,13 +37,9 @@ class NetworkCost:
     device: str
     image_s: float
 
-    def most_cameras(self, rate_hz: float) -> int:
-        """How many cameras of this rate it sustains: every frame is processed, with time left for everything else."""
-        return int(_NETWORK_SHARE / (self.image_s * rate_hz))
-
     def sustains(self, cameras: int, rate_hz: float) -> bool:
-        """Whether it sustains so many."""
-        return self.most_cameras(rate_hz) >= cameras
+        """Whether it sustains so many cameras of this rate: every frame is processed, with time left for everything else."""
+        return int(_NETWORK_SHARE / (self.image_s * rate_hz)) >= cameras
 
 
 def installed_networks() -> list[str]:
@@ -51,18 +47,9 @@ def installed_networks() -> list[str]:
 
     BlazePose before the others, of which none was measured to be more accurate; the larger before the smaller.
     """
-    sizes = {name: size for name in named_networks() if (size := _installed_bytes(name, checked=True))}
+    sizes = {name: size for name in named_networks() if (size := _installed_bytes(name))}
     others = sorted(sizes.keys() - set(BLAZEPOSE), key=lambda name: (-sizes[name], name))
     return [*(name for name in reversed(BLAZEPOSE) if name in sizes), *others]
-
-
-def smaller_network(network: str) -> str:
-    """The next smaller installed network of those whose names begin alike; "" where there is none. Hashes are not checked."""
-    family = network.rpartition("_")[0]
-    names = [name for name in named_networks() if family and name.rpartition("_")[0] == family]
-    sizes = {name: size for name in names if (size := _installed_bytes(name, checked=False))}
-    smaller = [name for name, size in sizes.items() if size < sizes.get(network, 0)]
-    return max(smaller, key=sizes.__getitem__, default="")
 
 
 def measured_costs(
@@ -112,7 +99,7 @@ def best_sustained(costs: Sequence[NetworkCost], cameras: int, rate_hz: float) -
 
 def _measured(name: str, choice: DetectorChoice, clock_s: Callable[[], float]) -> NetworkCost:
     chosen = with_network(choice, name)
-    if not _installed_bytes(name, checked=True):
+    if not _installed_bytes(name):
         raise ModelError(f"network {name} is not in {default_cache_dir()}; fetch it with: posefuse models {name}")
     detector: Detector = plugin_config("detectors", chosen.name, chosen.options).build()
     # BlazePose states none: it runs on what it was given, and `auto` is the CPU
@@ -121,12 +108,12 @@ def _measured(name: str, choice: DetectorChoice, clock_s: Callable[[], float]) -
     return NetworkCost(name, device, _image_s(detector, clock_s))
 
 
-def _installed_bytes(name: str, *, checked: bool) -> int:
-    """Of all files that a network needs; 0 where one is missing or, if they are `checked`, damaged."""
+def _installed_bytes(name: str) -> int:
+    """Of all files that a network needs; 0 where one is missing or damaged."""
     cards, cache = needed_cards(name), default_cache_dir()
-    files = [model_path(card, cache) for card in cards]
-    ready = all(status(card, cache) == "ready" for card in cards) if checked else all(file.is_file() for file in files)
-    return sum(file.stat().st_size for file in files) if ready else 0
+    if any(status(card, cache) != "ready" for card in cards):
+        return 0
+    return sum(model_path(card, cache).stat().st_size for card in cards)
 
 
 def _image_s(detector: Detector, clock_s: Callable[[], float]) -> float:

@@ -3,9 +3,8 @@
 SimCC (RTMPose, RTMW, DWPose), one distribution along x and one along y: Li et al. 2022, "SimCC: a Simple Coordinate
 Classification Perspective for Human Pose Estimation"; Jiang et al. 2023, "RTMPose".
 
-Heatmaps (ViTPose, HRNet, AlphaPose's FastPose), sub-pixel: Xiao et al. 2018 (a quarter cell towards the higher neighbour); Zhang
-et al. 2020, "Distribution-aware coordinate representation for human pose estimation" (Taylor expansion of the logarithm after a
-blur). Landmarks of BlazePose.
+Heatmaps (ViTPose, HRNet, AlphaPose's FastPose), sub-pixel: Zhang et al. 2020, "Distribution-aware coordinate representation for
+human pose estimation" (Taylor expansion of the logarithm after a blur). Landmarks of BlazePose.
 """
 
 from __future__ import annotations
@@ -110,12 +109,10 @@ def _along(values: Array, decoding: Decoding) -> tuple[Array, Array, Array, Arra
     peak = values.argmax(-1)
     height = np.take_along_axis(values, peak[..., None], -1)[..., 0]
     spread, rival = peak_statistics(values, peak, decoding.split_ratio)
-    position = peak.astype(np.float64)
-    if decoding.subpixel != "none":
-        smooth = _blurred_along(values, decoding.blur_cells) if decoding.subpixel == "dark" else values
-        inner = np.clip(peak, 1, values.shape[-1] - 2)
-        at = [np.take_along_axis(smooth, (inner + step)[..., None], -1)[..., 0] for step in (-1, 0, 1)]
-        position += np.where(inner == peak, parabola_offset(*at), 0.0)
+    smooth = _blurred_along(values, decoding.blur_cells) if decoding.subpixel == "dark" else values
+    inner = np.clip(peak, 1, values.shape[-1] - 2)
+    at = [np.take_along_axis(smooth, (inner + step)[..., None], -1)[..., 0] for step in (-1, 0, 1)]
+    position = peak + np.where(inner == peak, parabola_offset(*at), 0.0)
     return position / decoding.split_ratio, spread, rival, height
 
 
@@ -154,8 +151,6 @@ def _cells_per_px(cells_wh: tuple[int, int], size_wh: tuple[int, int], udp: bool
 
 def _offsets(maps: Array, row: Array, column: Array, decoding: Decoding) -> Array:
     """(B, K, 2) cells from the highest cell to the peak between cells."""
-    if decoding.subpixel == "none":
-        return np.zeros((*row.shape, 2))
     inner_row, inner_column = np.clip(row, 1, maps.shape[2] - 2), np.clip(column, 1, maps.shape[3] - 2)
     inside = np.stack([inner_column == column, inner_row == row], axis=-1)
     values = _blurred(maps, decoding.blur_cells) if decoding.subpixel == "dark" else maps
@@ -163,14 +158,7 @@ def _offsets(maps: Array, row: Array, column: Array, decoding: Decoding) -> Arra
     around = np.stack(
         [np.stack([values[b, k, inner_row + i, inner_column + j] for j in (-1, 0, 1)], -1) for i in (-1, 0, 1)], axis=-2
     )
-    moved = _quarter(around) if decoding.subpixel == "quarter" else _taylor(around)
-    return np.where(inside, moved, 0.0)
-
-
-def _quarter(around: Array) -> Array:
-    right, left = around[..., 1, 2], around[..., 1, 0]
-    below, above = around[..., 2, 1], around[..., 0, 1]
-    return np.asarray(0.25 * np.sign(np.stack([right - left, below - above], axis=-1)))
+    return np.where(inside, _taylor(around), 0.0)
 
 
 def _taylor(around: Array) -> Array:
@@ -191,24 +179,6 @@ def _blurred(maps: Array, cells: int) -> Array:
     return np.stack(
         [[cv2.GaussianBlur(one, (cells, cells), 0, borderType=cv2.BORDER_CONSTANT) for one in person] for person in maps]
     )
-
-
-# how far before the middle of the first pixel MoveNet counts from, at 192 and at 256 px: with this its keypoints agree with those
-# of mirror images; with the pixel's corner, 0.5, all keypoints of people rendered for fits lie 0.3 px too far to the left
-_MOVENET_ORIGIN_PX = 0.2
-
-
-def keypoints_from_movenet(output: Array, size_wh: tuple[int, int]) -> Keypoints:
-    """Keypoints of MoveNet (single pose), whose file ends with its own decoding; it gives no distribution.
-
-    Args:
-        output: (B, 1, K, 3) y and x as shares of the input, score.
-        size_wh: px of the input.
-    """
-    values = output[:, 0].astype(np.float64)
-    score = np.clip(values[..., 2], 0, 1)
-    xy = np.where(score[..., None] > 0, values[..., 1::-1] * size_wh - _MOVENET_ORIGIN_PX, np.nan)
-    return Keypoints(xy, score, np.full_like(xy, np.nan), np.zeros_like(score))
 
 
 _VALUES = 5  # x, y, z, visibility logit, presence logit

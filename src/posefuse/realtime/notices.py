@@ -31,8 +31,7 @@ class News:
 
     Args:
         notices: of where views come from.
-        smaller: names a network to use where this machine is too slow, empty where there is none; looked for only then.
-            None: views are of other machines.
+        watches_pace: report where this machine is too slow; not for views of other machines.
     """
 
     def __init__(
@@ -41,11 +40,12 @@ class News:
         zero_ns: int,
         say: Say,
         notices: Callable[[], Iterable[str]] = tuple,
-        smaller: Callable[[], str] | None = None,
+        *,
+        watches_pace: bool,
     ) -> None:
         self._fusion, self._zero_ns, self._say, self._notices = fusion, zero_ns, say, notices
-        # None, too, when a machine that is too slow was reported
-        self._smaller = smaller
+        # no longer, either, when a machine that is too slow was reported
+        self._watches_pace = watches_pace
         # when images were counted last; how many had come, and how many of them were processed
         self._counted_ns, self._came, self._used = zero_ns, 0, 0
         self._cameras_said = self._outputs_said = 0
@@ -89,17 +89,16 @@ class News:
                 self._camera_troubled |= {name} if event.state not in (OK, "opening") else set()
 
     def _report_pace(self, now_ns: int) -> None:
-        if self._smaller is None or now_ns - self._counted_ns < _OVER_NS:
+        if not self._watches_pace or now_ns - self._counted_ns < _OVER_NS:
             return
         sources = [self._fusion.monitor.source(name) for name in self._fusion.rig.names]
         all_came, all_used = sum(source.captured for source in sources), sum(source.used for source in sources)
         came, used = all_came - self._came, all_used - self._used
         self._counted_ns, self._came, self._used = now_ns, all_came, all_used
         if used < LEAST_SHARE * came:
-            other = f"`networks={name}`, " if (name := self._smaller()) else ""
-            self._smaller = None
+            self._watches_pace = False
             what = f"this computer processes {used / came:.0%} of the images"
-            self._say_at(now_ns, what, f"use {other}fewer cameras, or cameras at a lower frame rate")
+            self._say_at(now_ns, what, "use fewer cameras, cameras at a lower frame rate, or a smaller network")
 
     def _say_at(self, t_ns: int, what: str, why: str) -> None:
         self._say(f"{(t_ns - self._zero_ns) / 1e9:6.2f} s  {what}{': ' + why if why else ''}")

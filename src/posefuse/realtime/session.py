@@ -14,14 +14,12 @@ import threading
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import AbstractContextManager, ExitStack, contextmanager, suppress
 from dataclasses import dataclass, replace
-from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from posefuse.core import LiveNames, LivePose, LivePreview, PosefuseError, Rig, SourceError
-from posefuse.detection.choosing import smaller_network
 from posefuse.foundation.channel import Channel, ChannelClosed
 from posefuse.foundation.compiled import compiling
 from posefuse.foundation.platform import peak_memory_mb, punctual, usable_cores
@@ -45,7 +43,7 @@ from .messages import (
     Stop,
     ViewSource,
 )
-from .networks import devices_of, on_device, settled_network
+from .networks import chosen_device, settled_network
 from .notices import LEAST_CAMERAS, LEAST_SHARE, News, Say, never_waiting
 from .outputs import OutputProcess, SessionReader
 from .processes import Groups
@@ -168,9 +166,7 @@ def run_session(
             zero_ns = views.start(clock)
             # what was compiled and loaded before is not the session's
             begun = os.times()
-            options = config.detector.options
-            smaller = partial(smaller_network, str(options.get("landmarks", options.get("card", ""))))
-            news = News(fusion, zero_ns, say, views.notices, None if remote else smaller)
+            news = News(fusion, zero_ns, say, views.notices, watches_pace=not remote)
             with punctual():
                 over = _until(plan.duration_s, zero_ns, fusion, news, stopped)
                 fusion.run(views, config.rate_hz, over if requests is None else _controlled(over, requests, views, outputs))
@@ -230,9 +226,9 @@ def group_plans(plan: LivePlan, clock: SessionClock, videos: Path | None = None)
     On a graphics card one group looks at all waiting images in one call: its cameras share one copy of the network there.
     """
     rig, inputs, config = plan.rig, plan.inputs, plan.config
-    cores, devices, detector = usable_cores(), devices_of(config.detector), config.detector
-    together = devices not in (["auto"], ["cpu"])
-    count = config.groups or (len(devices) if together else max(1, min(cores, len(inputs) // 2)))
+    cores, detector = usable_cores(), config.detector
+    together = chosen_device(detector) not in ("auto", "cpu")
+    count = config.groups or (1 if together else max(1, min(cores, len(inputs) // 2)))
     count = min(count, len(inputs))
     if detector.name in ("blazepose", "onnx"):
         streams = max(1, cores // count)
@@ -244,7 +240,7 @@ def group_plans(plan: LivePlan, clock: SessionClock, videos: Path | None = None)
         GroupPlan(
             rig=rig,
             inputs=tuple(by_name[name] for name in cameras),
-            detector=on_device(detector, devices[i % len(devices)]) if together else detector,
+            detector=detector,
             together=together,
             clock=clock,
             most_people=config.track.max_people,
@@ -252,7 +248,7 @@ def group_plans(plan: LivePlan, clock: SessionClock, videos: Path | None = None)
             preview_hz=_PREVIEW_HZ if shown else 0.0,
             videos=videos,
         )
-        for i, cameras in enumerate(blocks(rig, list(by_name), count))
+        for cameras in blocks(rig, list(by_name), count)
     ]
 
 

@@ -94,12 +94,6 @@ def test_simcc(tmp_path, device, subpixel):
     assert np.allclose(seen.score[0], np.minimum(0.8, 0.9), atol=0.02)
 
 
-def test_simcc_without_subpixel_is_the_highest_bin(tmp_path):
-    xy = marks(2)
-    (seen,) = detect(simcc_card(tmp_path, xy, "none"))
-    assert np.abs(seen.xy_img[0] - raw_px(np.rint(2 * xy) / 2)).max() < TOLERANCE_PX
-
-
 def test_simcc_spread_is_reported_per_axis_and_a_wider_one_makes_it_less_sure(tmp_path):
     xy = marks(3)
     network = network_of(simcc_card(tmp_path, xy, sigma_bins=5.0))
@@ -126,14 +120,6 @@ def test_heatmaps(tmp_path, udp, subpixel):
     inner = ((xy > 24) & (xy < np.array(SIZE) - 25)).all(-1)
     assert off[inner if subpixel == "dark" else slice(None)].max() < TOLERANCE_PX and inner.sum() > 10
     assert np.isfinite(seen.sigma_px).all()
-
-
-def test_heatmaps_move_a_quarter_towards_the_higher_neighbour(tmp_path):
-    at = np.random.default_rng(5).uniform(4, 30, (COUNT, 2))
-    maps = gaussian(at[:, 1], 52, 2.0)[:, :, None] * gaussian(at[:, 0], 36, 2.0)[:, None]
-    (seen,) = detect(written(tmp_path, "heatmap", {"heatmaps": maps[None]}, '[decoding]\nsubpixel = "quarter"'))
-    expected = 4 * (np.rint(at) + 0.25 * np.sign(at - np.rint(at)))
-    assert np.abs(seen.xy_img[0] - raw_px(expected)).max() < TOLERANCE_PX
 
 
 def letterboxed(xy_img: np.ndarray, size_wh: tuple[int, int]) -> np.ndarray:
@@ -186,28 +172,14 @@ def test_yolo_pose(tmp_path, end_to_end):
     assert np.abs(seen.xy_img - xy[:2]).max() < TOLERANCE_PX
 
 
-@pytest.mark.parametrize("layout", ["yolox", "yolox_px", "detections"])
-def test_person_detectors(tmp_path, layout):
+def test_a_person_detector(tmp_path):
     size, box = (160, 96), np.array([201.0, 57.0, 333.0, 371.0])
     inside = letterboxed(box.reshape(2, 2), size).ravel()
-    if layout == "detections":
-        dets = np.array([[*inside, 0.9], [*inside, 0.95], [*(inside + 1.5), 0.8], [1, 1, 9, 9, 0.1]])
-        outputs = {"dets": dets[None], "labels": np.array([[0, 1, 0, 0]], np.float32)}
-    else:
-        cells = [(x, y, s) for s in (8, 16, 32) for y in range(size[1] // s) for x in range(size[0] // s)]
-        rows = np.zeros((len(cells), 7))
-        for place, obj in ((50, 0.9), (70, 0.8)):
-            x, y, s = cells[place]
-            centre, span = (inside[:2] + inside[2:]) / 2, inside[2:] - inside[:2]
-            raw = [*(centre / s - [x, y]), *np.log(span / s)] if layout == "yolox" else [*centre, *span]
-            rows[place] = [*raw, obj, 0.9, 0.1]
-        # a sure box of another class
-        rows[10] = [0, 0, 0.1, 0.1, 1.0, 0.0, 1.0]
-        outputs = {"output": rows[None]}
+    # the second is of another class, the third the first again, the fourth no person
+    dets = np.array([[*inside, 0.9], [*inside, 0.95], [*(inside + 1.5), 0.8], [1, 1, 9, 9, 0.1]])
+    outputs = {"dets": dets[None], "labels": np.array([[0, 1, 0, 0]], np.float32)}
     network = graphs.constant_network(tmp_path / "n.onnx", size, outputs)
-    rest = "[decoding]\nraw_boxes = false" if layout == "yolox_px" else ""
-    kind = "detections" if layout == "detections" else "yolox"
-    finder = BoxFinder(network_of(graphs.write_card(tmp_path / "c.toml", kind, network, size, rest=rest)), (192, 256), 1.25)
+    finder = BoxFinder(network_of(graphs.write_card(tmp_path / "c.toml", "detections", network, size)), (192, 256), 1.25)
     ((region,),) = finder.people([(frame(), next(finder.stages(frame().size_wh, 0.0)))])
     expected = region_of_box(box, (192, 256), 1.25)
     assert np.abs(region.centre_img - expected.centre_img).max() < TOLERANCE_PX
@@ -270,6 +242,6 @@ def test_a_wrong_card_is_reported_in_one_line(tmp_path):
     assert "'absent'" in message(text.replace('"simcc_x", ', '"absent", '))
     assert "halpe_26" in message(text.replace('"halpe_26"', '"halpe"'), ConfigError)
     assert "licence" in message(text.replace("licence", "license"), ConfigError)
-    assert "yolox" in message(text.replace('"simcc"', '"simc"'), ConfigError)
+    assert "yolo_pose" in message(text.replace('"simcc"', '"simc"'), ConfigError)
     (tmp_path / "n.onnx").write_bytes(b"not a network")
     assert "not a network" in message(text.replace(sha, hashlib.sha256(b"not a network").hexdigest()))

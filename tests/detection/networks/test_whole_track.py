@@ -17,7 +17,7 @@ from posefuse.formats.rig import write_rig
 from posefuse.sources import ImagesConfig
 
 discs = pytest.importorskip("discs", reason="the package onnx is not installed")
-KINDS = ["simcc", "heatmap", "synthpose", "movenet", "rtmo", "yolo_pose"]
+KINDS = ["simcc", "heatmap", "synthpose", "rtmo", "yolo_pose"]
 
 
 @pytest.fixture(scope="module")

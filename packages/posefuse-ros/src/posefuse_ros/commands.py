@@ -73,7 +73,6 @@ def node_fusion(
             ros=ros_2.settings,
             axes=outputs.axes,
             duration_s=timing.duration,
-            report=outputs.report,
             progress=progress,
         )
     terminal.show(run.summary())

@@ -15,7 +15,6 @@ from posefuse.api.live_run import LiveRun, finished_run, live_plan
 from posefuse.core import LiveHealth, LivePreview, Pose3D, Progress, Rig, Skeleton
 from posefuse.detection.choosing import BLAZEPOSE
 from posefuse.foundation.channel import wait_any
-from posefuse.foundation.output_folder import check_replaceable
 from posefuse.foundation.parsing import ros_name
 from posefuse.foundation.summary import Facts, Heading
 from posefuse.health.camera_monitor import Monitor
@@ -181,7 +180,6 @@ def fusion_node(
     ros: Mapping[str, Any] | None = None,
     axes: str | None = None,
     duration_s: float | None = None,
-    report: str | Path | None = None,
     progress: Progress | bool | None = None,
 ) -> LiveRun:
     """Take the views of all camera nodes, track, publish in ROS 2; the arguments are those of `camera_node` and `track_live`.
@@ -193,8 +191,6 @@ def fusion_node(
         >>> import posefuse as pf
         >>> pf.fusion_node("rig.toml", duration_s=60).figures["messages"]  # doctest: +SKIP
     """
-    if report is not None:
-        check_replaceable(Path(report), command="live", replace=False)
     # views that came from ROS are not sent back there
     also = {**(outputs or {}), "ros2": {**(outputs or {}).get("ros2", {}), "detections": False}}
     given = live_plan(rig, [], config=config, settings=settings, outputs=also, ros=ros, axes=axes, duration_s=duration_s)
@@ -216,6 +212,6 @@ def fusion_node(
         "strangers": dict(senders.strangers),
         "clock_offset_ms": offsets_ms,
     }
-    run = finished_run(done, report=None if report is None else Path(report), more=more)
+    run = finished_run(done, more=more)
     clocks = Facts({camera: "not known" if math.isnan(ms) else f"{ms:+z.1f}" for camera, ms in offsets_ms.items()})
     return replace(run, blocks=(*run.blocks, Heading("Clocks, ms after the mean"), clocks))

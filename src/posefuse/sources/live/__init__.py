@@ -2,5 +2,5 @@
 
 from posefuse.sources.video import PacedVideoConfig, PacedVideoSource
 
-from .depth_cameras import OakConfig, OakSource, RealSenseConfig, RealSenseSource
+from .realsense import RealSenseConfig, RealSenseSource
 from .stream import StreamConfig, StreamSource

@@ -16,7 +16,7 @@ from posefuse_studio.state import Studio
 from posefuse_studio.workspace import check_name
 
 # of an address, by how it begins
-_KINDS = ("rtsp://", "rtsps://", "http://", "https://", "usb:", "realsense:", "oak:", "ros:/")
+_KINDS = ("rtsp://", "rtsps://", "http://", "https://", "usb:", "realsense:", "ros:/")
 
 
 def build(studio: Studio) -> None:

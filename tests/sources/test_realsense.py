@@ -1,9 +1,7 @@
-"""RealSense and OAK cameras, with modules like the makers' (names and units of pyrealsense2 2.59, depthai 3.12)."""
+"""RealSense cameras, with a module like the maker's (names and units of pyrealsense2 2.59)."""
 
 import sys
 import time
-from collections.abc import Callable
-from datetime import timedelta
 from types import SimpleNamespace
 from typing import Any
 
@@ -12,7 +10,7 @@ import pytest
 from checks import refusal
 
 from posefuse.core import DependencyError, SourceError
-from posefuse.sources.live import OakConfig, RealSenseConfig
+from posefuse.sources.live import RealSenseConfig
 
 EXPOSED_NS, READ_NS = 4_000_000, 9_000_000
 SHAPE = (48, 64, 3)
@@ -95,75 +93,10 @@ def realsense(made: Exposures, domain: str = "global_time", metadata: bool = Tru
     )
 
 
-def oak(made: Exposures, serials: tuple[str, ...] = ("A1", "B2"), chip: str = "RVC2"):
-    """A module like depthai."""
-    asked: dict = {"stopped": 0}
-    links: set[tuple[str, str]] = set()
-
-    def output(name: str, get: Callable | None = None) -> SimpleNamespace:
-        return gives(link=lambda to: links.add((name, to)), createOutputQueue=SimpleNamespace(get=get))
-
-    def taken(timeout: timedelta) -> SimpleNamespace:
-        middle_ns, image = made.next()
-        steady_ns = middle_ns - (time.time_ns() - time.monotonic_ns())
-        ends = {"middle": timedelta(microseconds=steady_ns / 1000)}
-        return gives(getTimestamp=ends.__getitem__, getSequenceNum=int(image[0, 0, 0]), getFrame=image)
-
-    def color_output(size: tuple[int, int], form: str, fps: float) -> SimpleNamespace:
-        asked.update(size=(*size, fps), form=form)
-        return output("color", taken)
-
-    def lens_of(socket: str) -> SimpleNamespace:
-        return SimpleNamespace(requestOutput=color_output if socket == "a" else lambda size, fps: output(socket))
-
-    def taken_together(timeout: timedelta) -> dict[str, SimpleNamespace]:
-        assert {("color", "sync color"), ("b", "left"), ("c", "right")} <= links
-        # by either chip's way, what reaches the host was aligned with color
-        assert links >= ({("color", "align to"), ("depth", "sync depth")} if chip == "RVC2" else {("aligned", "sync depth")})
-        return {"color": taken(timeout), "depth": gives(getFrame=np.full(SHAPE[:2], 2000, np.uint16))}
-
-    nodes = {
-        "camera": SimpleNamespace(build=lens_of),
-        "stereo": SimpleNamespace(left="left", right="right", inputAlignTo="align to", depth=output("depth")),
-        "sync": SimpleNamespace(inputs={"color": "sync color", "depth": "sync depth"}, out=output("both", taken_together)),
-        "align": SimpleNamespace(input="unaligned", inputAlignTo="align to", outputAligned=output("aligned")),
-    }
-
-    def pipeline(device: str) -> SimpleNamespace:
-        asked["serial"] = device
-        stop = lambda: asked.update(stopped=asked["stopped"] + 1)  # noqa: E731
-        return gives(create=nodes.__getitem__, getDefaultDevice=gives(getPlatform=chip), start=None, stop=stop)
-
-    class Device:
-        getAllAvailableDevices = staticmethod(lambda: [gives(getDeviceId=serial) for serial in serials])
-
-        def __new__(cls, info: SimpleNamespace) -> str:
-            return info.getDeviceId()
-
-    return SimpleNamespace(
-        Device=Device,
-        Pipeline=pipeline,
-        node=SimpleNamespace(Camera="camera", StereoDepth="stereo", Sync="sync", ImageAlign="align"),
-        CameraBoardSocket=SimpleNamespace(CAM_A="a", CAM_B="b", CAM_C="c"),
-        Platform=SimpleNamespace(RVC2="RVC2", RVC4="RVC4"),
-        CameraExposureOffset=SimpleNamespace(MIDDLE="middle"),
-        ImgFrame=SimpleNamespace(Type=SimpleNamespace(RGB888i="rgb")),
-        asked=asked,
-    )
-
-
-CASES = pytest.mark.parametrize(
-    ("module", "fake", "config"),
-    [("pyrealsense2", realsense, RealSenseConfig), ("depthai", oak, OakConfig)],
-    ids=["RealSense", "OAK"],
-)
-
-
-@CASES
-def test_the_camera_asked_for_is_opened_read_to_its_end_and_closed_once(monkeypatch, module, fake, config) -> None:
-    library = fake(Exposures())
-    monkeypatch.setitem(sys.modules, module, library)
-    source = config("cam", "B2", "64x48@30").build()
+def test_the_camera_asked_for_is_opened_read_to_its_end_and_closed_once(monkeypatch) -> None:
+    library = realsense(Exposures())
+    monkeypatch.setitem(sys.modules, "pyrealsense2", library)
+    source = RealSenseConfig("cam", "B2", "64x48@30").build()
     assert source.size_wh == (64, 48)
     refusal(SourceError, "camera cam: no image any more", lambda: list(source.frames()))
     source.close()
@@ -171,11 +104,10 @@ def test_the_camera_asked_for_is_opened_read_to_its_end_and_closed_once(monkeypa
     assert (library.asked["serial"], library.asked["size"], library.asked["stopped"]) == ("B2", (64, 48, 30), 1)
 
 
-@CASES
-def test_stamps_images_and_numbers_are_right(monkeypatch, module: str, fake: Callable, config: type) -> None:
+def test_stamps_images_and_numbers_are_right(monkeypatch) -> None:
     made = Exposures()
-    monkeypatch.setitem(sys.modules, module, fake(made))
-    stream = config("cam", "any", "64x48").build().frames()
+    monkeypatch.setitem(sys.modules, "pyrealsense2", realsense(made))
+    stream = RealSenseConfig("cam", "any", "64x48").build().frames()
     frames = [next(stream) for _ in range(5)]
     assert [frame.seq for frame in frames] == [int(frame.image[0, 0, 0]) for frame in frames] == list(range(5))
     assert {frame.image.shape for frame in frames} == {SHAPE}
@@ -195,15 +127,6 @@ def test_depth_comes_aligned_with_the_camera_s_own_unit_and_noise(monkeypatch) -
     assert next(RealSenseConfig("cam", "any", "64x48").build().frames()).depth is None
 
 
-@pytest.mark.parametrize("chip", ["RVC2", "RVC4"])
-def test_an_oak_gives_color_and_depth_of_one_moment(monkeypatch, chip: str) -> None:
-    library = oak(Exposures(), chip=chip)
-    monkeypatch.setitem(sys.modules, "depthai", library)
-    frame = next(OakConfig("cam", "any", "64x48", depth=True).build().frames())
-    assert frame.depth is not None and (frame.depth.values == 2000).all()
-    assert (frame.depth.unit_m, frame.image.shape) == (0.001, SHAPE)
-
-
 # how long reading and transport took at best cannot be seen; without metadata the stamp is taken as it is
 @pytest.mark.parametrize(
     ("lacks", "late_ns"),
@@ -218,15 +141,14 @@ def test_a_camera_that_lacks_something_is_late_by_that_and_no_more(monkeypatch, 
     np.testing.assert_allclose(np.subtract(found_ns, made.middles_ns), late_ns, rtol=0, atol=1e6 if "metadata" in lacks else 2e6)
 
 
-@CASES
-def test_what_is_missing_is_one_line(monkeypatch, module: str, fake: Callable, config: type) -> None:
-    monkeypatch.setitem(sys.modules, module, None)
-    refusal(DependencyError, rf"{module}: not usable .* pip install 'posefuse\[", lambda: config("cam").build())
-    monkeypatch.setitem(sys.modules, module, fake(Exposures(), serials=()))
-    refusal(SourceError, "camera cam: no such camera is connected", lambda: config("cam").build())
-    monkeypatch.setitem(sys.modules, module, fake(Exposures()))
-    refusal(SourceError, "C3: camera cam: not connected; there are: A1, B2", lambda: config("cam", "C3").build())
-    refusal(SourceError, r"size: expected WIDTHxHEIGHT", lambda: config("cam", size="large").build())
+def test_what_is_missing_is_one_line(monkeypatch) -> None:
+    monkeypatch.setitem(sys.modules, "pyrealsense2", None)
+    refusal(DependencyError, r"pyrealsense2: not usable .* pip install 'posefuse\[", lambda: RealSenseConfig("cam").build())
+    monkeypatch.setitem(sys.modules, "pyrealsense2", realsense(Exposures(), serials=()))
+    refusal(SourceError, "camera cam: no such camera is connected", lambda: RealSenseConfig("cam").build())
+    monkeypatch.setitem(sys.modules, "pyrealsense2", realsense(Exposures()))
+    refusal(SourceError, "C3: camera cam: not connected; there are: A1, B2", lambda: RealSenseConfig("cam", "C3").build())
+    refusal(SourceError, r"size: expected WIDTHxHEIGHT", lambda: RealSenseConfig("cam", size="large").build())
 
 
 def test_a_size_the_camera_does_not_have_is_one_line(monkeypatch) -> None:
