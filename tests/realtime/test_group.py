@@ -174,9 +174,10 @@ def test_a_search_of_all_cameras_in_one_call_finds_the_person_in_each(on_card) -
 
 @pytest.mark.parametrize(
     ("device", "groups", "devices"),
-    [("cpu", 2, ["cpu", "cpu"]), ("cuda", None, ["cuda"]), ("cuda:1", 2, ["cuda:1", "cuda:1"])],
-)
-def test_one_group_on_a_graphics_card_looks_at_all_its_cameras_at_once(ring_rig, device, groups, devices) -> None:
+    [("cpu", 2, ["cpu", "cpu"]), ("cuda", None, ["cuda"]), ("cuda:0,cuda:1", None, ["cuda:0", "cuda:1"]),
+     ("cuda:0,cuda:1", 3, ["cuda:0", "cuda:1", "cuda:0"])],
+)  # fmt: skip
+def test_one_group_per_graphics_card_looks_at_all_its_cameras_at_once(ring_rig, device, groups, devices) -> None:
     rig, choice = ring_rig(6), DetectorChoice(name="onnx", options={"card": "rtmpose_s"})
     plans = plans_on(rig, device, choice, SessionClock.begin(), groups)
     assert [plan.detector.options["device"] for plan in plans] == devices

@@ -43,7 +43,7 @@ def test_of_the_networks_to_choose_from_one_is_enough(monkeypatch: pytest.Monkey
     there.clear()
     refusal(ModelError, "blazepose_full", lambda: fetch_networks(DetectorChoice()))
     # on a device that BlazePose does not run on, what the user has is chosen from
-    fetch_networks(DetectorChoice(options={"device": "cuda"}))
+    fetch_networks(DetectorChoice(options={"device": "cuda:0,cuda:1"}))
 
 
 def test_a_device_is_checked_before_anything_is_downloaded(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -81,7 +81,7 @@ def test_ctrl_c_ends_the_process_that_measures_at_once(monkeypatch: pytest.Monke
 
 def test_auto_is_a_graphics_card_where_the_network_ran_on_one(monkeypatch: pytest.MonkeyPatch) -> None:
     choice, asked = DetectorChoice(name="onnx", options={"card": "rtmpose_s"}), []
-    ran_on = iter(("cuda:0", "cpu (driver 470 is too old)"))
+    ran_on = iter(("cuda:0", "cpu (driver 470 is too old)", "cuda:0"))
 
     def costs(choice: DetectorChoice, names: object, cameras: int) -> list[NetworkCost]:
         asked.append((names, cameras))
@@ -94,4 +94,7 @@ def test_auto_is_a_graphics_card_where_the_network_ran_on_one(monkeypatch: pytes
         assert settled.options == {"card": "rtmpose_s", "device": expected}
     monkeypatch.setattr(networks, "is_listed", lambda _: False)
     assert settled_network(choice, 6, pytest.fail) is choice
-    assert asked == [(("rtmpose_s",), 6), (("rtmpose_s",), 6)]
+    # of several cards, each has its share of the cameras
+    both = DetectorChoice(options={"device": "cuda:0,cuda:1"})
+    assert settled_network(both, 5, lambda _: None).options == {"device": "cuda:0,cuda:1", "card": "rtmpose_s"}
+    assert asked == [(("rtmpose_s",), 6), (("rtmpose_s",), 6), (None, 3)]

@@ -26,9 +26,9 @@ def is_auto(choice: DetectorChoice) -> bool:
     return choice.name == DetectorChoice().name and choice.options.get("landmarks", AUTO) == AUTO
 
 
-def chosen_device(choice: DetectorChoice) -> str:
-    """The word of the device that was chosen; ``auto`` where none was."""
-    return str(choice.options.get("device", AUTO))
+def devices_of(choice: DetectorChoice) -> list[str]:
+    """The devices that camera groups run on, in turn: several stand in one setting, separated by commas."""
+    return str(choice.options.get("device", AUTO)).split(",")
 
 
 def on_device(choice: DetectorChoice, device: str) -> DetectorChoice:
@@ -43,10 +43,11 @@ def fetch_networks(choice: DetectorChoice, progress: Progress = silent) -> None:
         ConfigError: options that the detector does not take. ModelError: a network cannot be downloaded.
     """
     build.check_device(choice)
-    choices = [choice]
-    if is_auto(choice):
-        # on other devices the user's networks are chosen from, and none is downloaded
-        choices = [] if _runs_elsewhere(choice) else [with_network(choice, name) for name in DOWNLOADED]
+    one = on_device(choice, devices_of(choice)[0]) if "device" in choice.options else choice
+    # on other devices the user's networks are chosen from, and none is downloaded
+    choices = (
+        [one] if not is_auto(choice) else [] if _runs_elsewhere(choice) else [with_network(one, name) for name in DOWNLOADED]
+    )
     failed: list[ModelError] = []
     for chosen in choices:
         try:
@@ -64,7 +65,7 @@ def settled_network(
 
     Args:
         choice: where it leaves the network open, the first of `names` that sustains so many cameras is taken.
-        cameras: that share the device. say: takes the news.
+        cameras: that share the devices. say: takes the news.
         names: networks to choose from, in the order of preference; None: all that are installed.
 
     Raises:
@@ -74,25 +75,28 @@ def settled_network(
         if not _device_is_open(choice):
             return choice
         names = (choice.options["card"],)
-    best = best_sustained(_costs(choice, names, cameras), cameras, _RATE_HZ)
-    every = "processes every frame of" if best.sustains(cameras, _RATE_HZ) else "the fastest for"
+    devices = devices_of(choice)
+    each = -(-cameras // len(devices))
+    best = best_sustained(_costs(on_device(choice, devices[0]), names, each), each, _RATE_HZ)
+    every = "processes every frame of" if best.sustains(each, _RATE_HZ) else "the fastest for"
     say(
-        f"network {best.name} on {best.device}: {every} {cameras} cameras at {_RATE_HZ:g} frames/s, "
+        f"network {best.name} on {best.device}: {every} {each} cameras at {_RATE_HZ:g} frames/s, "
         f"{1000 * best.image_s:.1f} ms per image"
     )
-    return on_device(with_network(choice, best.name), best.device.partition(" ")[0])
+    settled = with_network(choice, best.name)
+    return settled if len(devices) > 1 else on_device(settled, best.device.partition(" ")[0])
 
 
 def _device_is_open(choice: DetectorChoice) -> bool:
     """Whether `auto` may mean a graphics card; where it does, is known after the network ran there."""
     card = device_of("cuda")
-    return choice.name == "onnx" and chosen_device(choice) == AUTO and card is not None and is_listed(card)
+    return choice.name == "onnx" and devices_of(choice) == [AUTO] and card is not None and is_listed(card)
 
 
 def _runs_elsewhere(choice: DetectorChoice) -> bool:
-    """Whether the device is none that the default networks run on."""
-    device = device_of(chosen_device(choice))
-    return device is not None and device.openvino is None
+    """Whether the devices are none that the default networks run on."""
+    devices = [device_of(word) for word in devices_of(choice)]
+    return any(device is not None and device.openvino is None for device in devices)
 
 
 def _costs(choice: DetectorChoice, names: Sequence[str] | None, cameras: int) -> list[NetworkCost]:

@@ -43,7 +43,7 @@ from .messages import (
     Stop,
     ViewSource,
 )
-from .networks import chosen_device, settled_network
+from .networks import devices_of, on_device, settled_network
 from .notices import LEAST_CAMERAS, LEAST_SHARE, News, Say, never_waiting
 from .outputs import OutputProcess, SessionReader
 from .processes import Groups
@@ -226,9 +226,9 @@ def group_plans(plan: LivePlan, clock: SessionClock, videos: Path | None = None)
     On a graphics card one group looks at all waiting images in one call: its cameras share one copy of the network there.
     """
     rig, inputs, config = plan.rig, plan.inputs, plan.config
-    cores, detector = usable_cores(), config.detector
-    together = chosen_device(detector) not in ("auto", "cpu")
-    count = config.groups or (1 if together else max(1, min(cores, len(inputs) // 2)))
+    cores, devices, detector = usable_cores(), devices_of(config.detector), config.detector
+    together = devices not in (["auto"], ["cpu"])
+    count = config.groups or (len(devices) if together else max(1, min(cores, len(inputs) // 2)))
     count = min(count, len(inputs))
     if detector.name in ("blazepose", "onnx"):
         streams = max(1, cores // count)
@@ -240,7 +240,7 @@ def group_plans(plan: LivePlan, clock: SessionClock, videos: Path | None = None)
         GroupPlan(
             rig=rig,
             inputs=tuple(by_name[name] for name in cameras),
-            detector=detector,
+            detector=on_device(detector, devices[i % len(devices)]) if together else detector,
             together=together,
             clock=clock,
             most_people=config.track.max_people,
@@ -248,7 +248,7 @@ def group_plans(plan: LivePlan, clock: SessionClock, videos: Path | None = None)
             preview_hz=_PREVIEW_HZ if shown else 0.0,
             videos=videos,
         )
-        for cameras in blocks(rig, list(by_name), count)
+        for i, cameras in enumerate(blocks(rig, list(by_name), count))
     ]
 
 
