@@ -47,16 +47,17 @@ _DOCS = {
     "studio_cameras": "cameras of targets",
     "studio_calibrate": "verification",
     "studio_live": "live while recording",
+    "studio_phone_phone": "phone",
 }
 
 
 class Walk:
-    """One visitor with one tab, a clock and a camera for screenshots."""
+    """One visitor with one tab and a phone, a clock and a camera for screenshots."""
 
     def __init__(self, watched: Watched, pictures: Path | None, workspace: Path) -> None:
         self._watched, self._base, self._pictures = watched, watched.base, pictures
         self._jobs = workspace / ".posefuse-studio" / "jobs"
-        self.page = self._tab()
+        self.page = self._tab("")
         self.took_s: dict[str, float] = {}
 
     @contextmanager
@@ -93,10 +94,14 @@ class Walk:
     def other_tab(self, path: str) -> None:
         """Close this tab and open another."""
         self.page.close()
-        self.page = self._tab(path)
+        self.page = self._tab("", path)
 
-    def _tab(self, path: str = "") -> Page:
-        page = self._watched.page(SIZES[""], path)
+    def phone(self) -> Page:
+        """The phone page, in a tab of a phone's size."""
+        return self._tab("_phone", "/phone")
+
+    def _tab(self, size: str, path: str = "") -> Page:
+        page = self._watched.page(SIZES[size], path)
         page.set_default_timeout(1e3 * _PATIENCE_S)
         return page
 
@@ -227,6 +232,12 @@ def _live(way: Walk) -> None:
         way.see("messages to")
         page.get_by_role("switch", name="JSON over UDP").click()
         way.see("messages to", gone=True)
+    with way.step("the phone page, which is read-only"):
+        phone = way.phone()
+        way.see(phone.locator(".pf-person").first)
+        way.see(phone.get_by_role("button").first, gone=True)
+        way.picture("phone", phone)
+        phone.close()
     with way.step(f"a recording of {_RECORD_S:.0f} s"):
         page.get_by_label("Name", exact=True).first.fill("walk")
         way.press("Record")

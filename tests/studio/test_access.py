@@ -15,12 +15,16 @@ from marked import ON_LINUX
 
 from posefuse.core import InputError
 from posefuse_studio import access as rules
-from posefuse_studio.access import Access, AccessMiddleware, is_loopback
+from posefuse_studio.access import Access, AccessMiddleware, is_loopback, may_view
+from posefuse_studio.pages.live import record_or_stop
+from posefuse_studio.session import SessionStatus
+from posefuse_studio.state import Studio
+from posefuse_studio.workspace import StudioWorkspace
 from tools.studio_server import PATIENCE_S, TOKEN, free_port, server
 
-OWN = "owner-of-the-tests"
-LOCAL = Access(host="127.0.0.1", port=8765, token=OWN, names=Access.of("127.0.0.1", 8765).names)
-OPEN = Access(host="0.0.0.0", port=8765, token=OWN, names=frozenset({"127.0.0.1", "localhost", "192.168.1.7"}))
+OWN, LOOK = "owner-of-the-tests", "viewer-of-the-tests"
+LOCAL = Access(host="127.0.0.1", port=8765, token=OWN, viewer_token=LOOK, names=Access.of("127.0.0.1", 8765).names)
+OPEN = Access(host="0.0.0.0", port=8765, token=OWN, viewer_token=LOOK, names=frozenset({"127.0.0.1", "localhost", "192.168.1.7"}))
 
 
 @pytest.fixture(autouse=True)
@@ -170,10 +174,25 @@ def test_the_way_to_the_cookie_stays_on_this_site(path: str, moved: bytes) -> No
     assert dict(ask(OPEN, path, f"token={OWN}")["headers"])[b"refresh"] == b"0; url=" + moved
 
 
+def test_a_viewer_sees_the_phone_page_only() -> None:
+    assert status(OPEN, "/phone", cookie=LOOK) == 200
+    assert [status(OPEN, path, cookie=LOOK) for path in ("/", "/live", "/recordings", "/studio/file/x")] == [403] * 4
+    assert may_view("/studio/stream/live") and not may_view("/studio/stream/other") and not may_view("/phonebook")
+
+
 def test_loopback_addresses_are_known() -> None:
     assert [is_loopback(host) for host in ("127.0.0.1", "127.8.9.1", "localhost", "::1", "0.0.0.0", "192.168.1.7", "lab")] == [
         True, True, True, True, False, False, False,
     ]  # fmt: skip
+
+
+def test_a_phone_records_only_where_the_owner_allows_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    studio, requests = Studio(StudioWorkspace(tmp_path), OPEN), list[str]()
+    monkeypatch.setattr(studio.live, "ask", lambda request, **values: requests.append(request))
+    for allowed, recording in ((False, ""), (True, ""), (True, "recordings/walk"), (False, "recordings/walk")):
+        studio.phone_may_record, studio.live.status = allowed, SessionStatus(recording=recording)
+        record_or_stop(studio)
+    assert requests == ["record", "stop_recording"]
 
 
 @pytest.mark.slow

@@ -69,6 +69,7 @@ PAGES = {
     "/recordings?open=../secret.txt": "expected a path inside the workspace",
     f"/recordings?open={LONG}{LONG}": "not in the workspace",
     "/simulate": "Expected of these cameras",
+    "/phone": "no session runs",
 }
 
 

@@ -255,6 +255,11 @@ def test_tab_reaches_every_control_and_shows_where_it_is(page: Any, lab: Lab, pa
     assert unseen == set()
 
 
+def test_the_phone_page_has_nothing_to_use(page: Any, lab: Lab) -> None:
+    open_page(page, f"{lab[1]}/phone", ".pf-tile")
+    assert page.evaluate(_BEGIN) == 0
+
+
 def test_controls_are_used_by_space_and_enter(page: Any, lab: Lab) -> None:
     open_page(page, f"{lab[1]}/live", CONTROLS_OF["/live"])
     box = page.get_by_role("checkbox", name="Uncertainty")

@@ -27,7 +27,7 @@ from posefuse_studio.access import Access
 from posefuse_studio.calibrations import Project, projects, save_project
 from posefuse_studio.jobs import Jobs
 from posefuse_studio.pages import PAGES
-from posefuse_studio.pages.live import recording_fault
+from posefuse_studio.pages.live import _session_light, recording_fault
 from posefuse_studio.pages.recording import read_edits, write_edits
 from posefuse_studio.pages.simulate import RoomMap
 from posefuse_studio.session import CameraStatus, SessionStatus
@@ -253,18 +253,19 @@ def test_a_study_has_the_network_that_was_chosen(tmp_path: Path, started: list[t
     assert tracked == [NETWORK, None]
 
 
-def test_a_recording_that_is_not_written_is_named_on_the_page() -> None:
+def test_a_recording_that_is_not_written_is_named_on_the_page_and_on_the_phone() -> None:
     gone = OutputHealth(state="failed", text="the file is gone")
     recording = SessionStatus(
         cameras={"a": CameraStatus(light="good", state="ok")}, recording="recordings/a", outputs={"record": gone}
     )
     assert recording_fault(recording) == "not recorded, failed: the file is gone"
+    assert _session_light(recording) == ("bad", recording_fault(recording))
     for well in (
         replace(recording, outputs={"record": OutputHealth()}),  # it was opened again
         replace(recording, outputs={}),  # videos alone
         replace(recording, recording=""),  # an earlier one
     ):
-        assert recording_fault(well) == ""
+        assert (recording_fault(well), _session_light(well)[0]) == ("", "good")
 
 
 def test_names_that_were_given_to_people_are_there_when_the_page_is_opened_again(

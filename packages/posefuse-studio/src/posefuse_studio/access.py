@@ -15,7 +15,7 @@ import secrets
 import socket
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Literal
 from urllib.parse import quote, urlencode
 
 from starlette.datastructures import MutableHeaders
@@ -24,7 +24,10 @@ from starlette.responses import PlainTextResponse, Response
 
 from posefuse.core import InputError
 
+Role = Literal["owner", "viewer"]
 COOKIE = "posefuse_studio"
+# what a viewer's page is made of; everything else is the owner's
+_VIEWER_PATHS = ("/phone", "/_nicegui/", "/_nicegui_ws/", "/studio/stream/live")
 _LOOPBACK = ("127.0.0.1", "localhost", "[::1]")
 # what stands in an address and in a cookie as it is
 _TOKEN = re.compile(r"[A-Za-z0-9._~-]{16,}")
@@ -44,13 +47,14 @@ class Access:
     """The rule.
 
     Attributes:
-        host, port: what the server is bound to. token: of who may open it.
+        host, port: what the server is bound to. token: of the owner. viewer_token: of the read-only phone page.
         names: what may stand in the `Host` header, without port, in small letters.
     """
 
     host: str
     port: int
     token: str
+    viewer_token: str
     names: frozenset[str]
 
     @classmethod
@@ -65,12 +69,17 @@ class Access:
             host=host,
             port=port,
             token=token or secrets.token_urlsafe(24),
+            viewer_token=secrets.token_urlsafe(24),
             names=frozenset([*_LOOPBACK, *([] if is_loopback(host) else map(str.lower, own_names(host)))]),
         )
 
     def address(self, name: str = "") -> str:
         """The URL to open; `name`: of the machine as others reach it."""
         return f"http://{name or self.shown_name}:{self.port}/?{urlencode({'token': self.token})}"
+
+    def phone_address(self, name: str) -> str:
+        """The URL of the phone page."""
+        return f"http://{name}:{self.port}/phone?{urlencode({'token': self.viewer_token})}"
 
     @property
     def shown_name(self) -> str:
@@ -95,9 +104,12 @@ class Access:
             return "sent by a page of another site"
         return ""
 
-    def knows(self, given: Iterable[str]) -> bool:
-        """Whether the token is among those of a request."""
-        return any(_same(one, self.token) for one in given)
+    def role(self, given: Iterable[str]) -> Role | None:
+        """What the tokens of a request allow; None: nothing."""
+        tokens = [one for one in given if one]
+        if any(_same(one, self.token) for one in tokens):
+            return "owner"
+        return "viewer" if any(_same(one, self.viewer_token) for one in tokens) else None
 
 
 class AccessMiddleware:
@@ -116,13 +128,14 @@ class AccessMiddleware:
         # cookies do not know ports: two studios on one machine must not take each other's
         cookie = f"{COOKIE}_{self._access.port}"
         in_url, in_cookie = request.query_params.get("token", ""), request.cookies.get(cookie, "")
+        role, path = self._access.role([in_url, in_cookie]), scope["path"]
         why = self._access.refusal(request.headers)
-        if why or not self._access.knows([in_url, in_cookie]):
-            if not why and (in_url or in_cookie):
+        if why or role is None or (role == "viewer" and not may_view(path)):
+            if not why and role is None and (in_url or in_cookie):
                 await self._took_wrong(scope.get("client"))
             await _refuse(scope, receive, send, why or "a token is needed: open the address that `posefuse studio` has printed")
-        elif scope["type"] == "http" and scope["method"] == "GET" and self._access.knows([in_url]):
-            await _to_cookie(scope["path"], f"{cookie}={in_url}")(scope, receive, send)
+        elif scope["type"] == "http" and scope["method"] == "GET" and self._access.role([in_url]):
+            await _to_cookie(path, f"{cookie}={in_url}")(scope, receive, send)
         else:
             await self._app(scope, receive, _guarded(send))
 
@@ -133,6 +146,11 @@ class AccessMiddleware:
             if self._wrong.bit_count() == 1:
                 _log.warning("wrong token from %s; %d so far", client[0] if client else "an unknown address", self._wrong)
             await asyncio.sleep(_WRONG_S)
+
+
+def may_view(path: str) -> bool:
+    """Whether a viewer may have this path."""
+    return any(path == allowed or (allowed.endswith("/") and path.startswith(allowed)) for allowed in _VIEWER_PATHS)
 
 
 def is_loopback(host: str) -> bool:

@@ -51,6 +51,7 @@ def asgi_application(studio: Studio) -> Any:
     """The ASGI application; `access` is asked first. One per process: NiceGUI has one list of pages."""
     for page in PAGES:
         ui.page(page.path, title=f"{page.title} · posefuse studio")(_builder(studio, page))
+    ui.page("/phone", title="posefuse")(lambda: import_module("posefuse_studio.pages.live").build_phone(studio))
 
     @pages_app.websocket("/studio/stream/{name}")
     async def stream(websocket: WebSocket, name: str) -> None:

@@ -42,9 +42,7 @@ LIGHTS = {"good": "check_circle", "bad": "error", "doubt": "warning", "busy": "p
 @contextmanager
 def shell(studio: Studio, here: StudioPage) -> Iterator[None]:
     """The frame of a page; its own elements go into the block."""
-    ui.add_css(_STYLE)
-    ui.colors(primary="#00897b", secondary="#455a64", accent="#ef6c00", positive="#2e7d32", negative="#c62828", warning="#f9a825")
-    dark = ui.dark_mode(None)
+    dark = apply_style()
     named = studio.workspace.in_names
     ui.on_exception(lambda one: refused(named(str(one)) if isinstance(one, REFUSALS) else _BUG.format(type(one).__name__)))
     with ui.header(elevated=False).classes("pf-header"):
@@ -64,22 +62,31 @@ def shell(studio: Studio, here: StudioPage) -> Iterator[None]:
         yield
 
 
+def apply_style() -> ui.dark_mode:
+    """The style alone."""
+    ui.add_css(_STYLE)
+    ui.colors(primary="#00897b", secondary="#455a64", accent="#ef6c00", positive="#2e7d32", negative="#c62828", warning="#f9a825")
+    return ui.dark_mode(None)
+
+
 def _phone(studio: Studio) -> None:
-    """How to open the studio on a phone: a QR code, or what is needed for one."""
+    """How to look from a phone: a QR code, or what is needed for one."""
     access = studio.access
     with ui.dialog(value=True), ui.card().classes("gap-3 items-center"):
-        ui.label("Open it on a phone").classes("pf-h2")
+        ui.label("Look from a phone").classes("pf-h2")
         if is_loopback(access.host):
-            small("The studio is reached from this machine only. For a phone in the same network, start it again with")
+            small("The studio is reached from this machine only. To let a phone in the same network look, start it again with")
             ui.code(f"posefuse studio {studio.workspace.root} --host 0.0.0.0", language="bash")
             return
         code, line = ui.html("", sanitize=False).classes("pf-qr"), small("")
 
         def show(name: str) -> None:
-            code.set_content(segno.make(access.address(name), error="m").svg_inline(scale=6, border=3, light="#fff"))
-            line.set_text(f"http://{name}:{access.port} with your token: all of the studio, for you alone")
+            address = access.phone_address(name)
+            code.set_content(segno.make(address, error="m").svg_inline(scale=6, border=3, light="#fff"))
+            line.set_text(f"http://{name}:{access.port}/phone with a token that opens this page only")
 
         ui.select(access.network_names, value=access.network_names[0], label="Address", on_change=lambda event: show(event.value))
+        ui.switch("The phone may start and stop recordings").bind_value(studio, "phone_may_record")
         show(access.network_names[0])
 
 

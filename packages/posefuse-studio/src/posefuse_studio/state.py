@@ -182,12 +182,14 @@ class Studio:
     Attributes:
         workspace: the files. access: who may look. jobs: long work. streams: what pages draw, by name.
         live: the live session that runs, if any. watch: the same of cameras that are watched without tracking.
+        phone_may_record: whether the phone page may begin and end a recording; the owner allows it, until the server ends.
     """
 
     def __init__(self, workspace: StudioWorkspace, access: Access) -> None:
         self.workspace, self.access, self.jobs = workspace, access, Jobs(workspace)
         self.live, self.watch = LiveLink(self.jobs, LIVE), LiveLink(self.jobs, WATCH)
         self.streams = {LIVE: self.live.stream, WATCH: self.watch.stream}
+        self.phone_may_record = False
 
     def begin(self) -> None:
         """Look for sessions; in the event loop that serves the pages."""

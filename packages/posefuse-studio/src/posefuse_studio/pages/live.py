@@ -1,4 +1,4 @@
-"""Live: poses while they happen."""
+"""Live: poses while they happen; and the same session on a phone, read-only."""
 
 from __future__ import annotations
 
@@ -16,6 +16,7 @@ from posefuse_studio.scene import CameraTile, RigScene, ValuePlot, first_angles
 from posefuse_studio.session import SessionStatus
 from posefuse_studio.setups import DEMO, setups
 from posefuse_studio.shell import (
+    apply_style,
     camera_tiles,
     card,
     dialog,
@@ -275,3 +276,50 @@ def _news_card(studio: Studio) -> None:
 
     with card("What happened"):
         redrawn(lambda: (studio.live.status.refused, studio.live.status.news[-8:]), draw, classes="gap-1 pf-news")
+
+
+def build_phone(studio: Studio) -> None:
+    """Place the page of a phone, which has no link to any other; the button that records is there where the owner allows it."""
+    apply_style()
+    live = studio.live
+    with ui.column().classes("pf-page pf-phone").props('role="main"'):
+        with ui.row().classes("items-center w-full no-wrap"):
+            ui.label("posefuse").classes("pf-h1")
+            ui.space()
+            redrawn(lambda: _session_light(live.status), lambda word: light(*word), classes="")
+        redrawn(
+            lambda: list(live.status.cameras), lambda cameras: _phone_session(studio) if cameras else None, classes="w-full gap-3"
+        )
+
+
+def _session_light(status: SessionStatus) -> tuple[str, str]:
+    if not status.cameras:
+        return "off", "no session runs"
+    faulty = [name for name, one in status.cameras.items() if one.light == "bad"]
+    if fault := recording_fault(status):
+        return "bad", fault
+    if status.recording:
+        return ("bad" if faulty else "good"), f"recording {status.seconds:.0f} s"
+    return ("bad", f"look at {', '.join(faulty)}") if faulty else ("good", f"people: {len(status.people)}")
+
+
+def _phone_session(studio: Studio) -> None:
+    with ui.element("div").classes("pf-stage"):
+        RigScene(LIVE, ellipsoids=False)
+    record = ui.button(on_click=lambda: record_or_stop(studio)).props("unelevated size=lg color=negative").classes("w-full")
+    record.bind_text_from(studio.live, "status", lambda now: "Stop recording" if now.recording else "Record")
+    record.bind_visibility_from(studio.live, "status", lambda _: studio.phone_may_record)
+    camera_tiles(studio.live, LIVE)
+
+
+def record_or_stop(studio: Studio) -> None:
+    """Begin a recording, or end the one that runs; nothing where the owner does not allow it.
+
+    A hidden button is no lock: a phone can send a click for it all the same, so that it is asked here, too.
+    """
+    if not studio.phone_may_record:
+        return
+    if studio.live.status.recording:
+        studio.live.ask("stop_recording")
+    else:
+        studio.live.ask("record", name=time.strftime("%Y-%m-%d trial"), poses=True, videos=True)
