@@ -132,6 +132,15 @@ def test_another_preset_is_not_written_over(tmp_path: Path) -> None:
     assert setup_named(workspace, "room") == earlier and setup_named(workspace, "room 2").sources == {"cam1": "usb:1"}
 
 
+def test_a_file_that_is_not_taken_as_a_video_is_refused_in_words(tmp_path: Path) -> None:
+    async def use(user: User) -> None:
+        [upload] = user.find(ui.upload).elements
+        next(one for one in upload._event_listeners.values() if one.type == "rejected").handler()
+        await user.should_see("Expected videos of at most 4 GB")
+
+    visited(tmp_path, "/", use)
+
+
 def test_a_dialog_is_no_part_of_what_is_drawn_again_below_it(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
     save_setup(StudioWorkspace(tmp_path), Setup(name="webcams", sources={"left": "usb:0", "right": "usb:1"}))
 

@@ -1,7 +1,9 @@
 """The studio reads and writes inside its workspace only; presets and targets are files there, and keys lie outside of it."""
 
+import asyncio
 import os
 import unicodedata
+from collections.abc import AsyncIterator
 from pathlib import Path
 
 import pytest
@@ -81,6 +83,18 @@ def test_names_of_people_and_places_are_taken(workspace: StudioWorkspace, name: 
 def test_a_folder_with_a_colon_that_is_there_can_be_opened(workspace: StudioWorkspace) -> None:
     (workspace.root / "trial 10:30").mkdir()
     assert workspace.existing("trial 10:30").is_dir()
+
+
+def test_an_upload_is_bounded_and_never_replaces_a_file(workspace: StudioWorkspace) -> None:
+    async def parts() -> AsyncIterator[bytes]:
+        for _ in range(3):
+            yield b"1234"
+
+    for name in ("videos/cam 1.mp4", "videos/cam 1-2.mp4"):
+        assert asyncio.run(workspace.upload("videos", "cam 1.mp4", parts())) == name
+    refusal(InputError, "more than", lambda: asyncio.run(workspace.upload("videos", "large.mp4", parts(), most_bytes=8)))
+    assert sorted(path.name for path in (workspace.root / "videos").iterdir()) == ["cam 1-2.mp4", "cam 1.mp4"]
+    assert (workspace.root / "videos" / "cam 1.mp4").read_bytes() == b"1234" * 3
 
 
 def test_a_name_that_is_too_long_for_the_disk_is_of_no_file(workspace: StudioWorkspace) -> None:

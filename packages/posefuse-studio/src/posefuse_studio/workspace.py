@@ -9,7 +9,7 @@ from __future__ import annotations
 import hashlib
 import os
 import stat
-from collections.abc import Callable
+from collections.abc import AsyncIterable, Callable
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path, PurePosixPath, PureWindowsPath
@@ -22,6 +22,7 @@ from posefuse.core import InputError
 from posefuse.foundation.output_file import atomic_file
 from posefuse.foundation.platform import home_folder
 
+MOST_UPLOAD_BYTES = 4 * 2**30
 STATE_FOLDER = ".posefuse-studio"
 POSES_FILE = "recording.mcap"
 """Of a live recording, in its folder."""
@@ -110,6 +111,24 @@ class StudioWorkspace:
             paths = [here / name for name in names if Path(name).suffix.lower() in suffixes and not name.startswith(".")]
             found += [path.as_posix() for path in paths if not (self.root / path).is_symlink()]
         return sorted(found)
+
+    async def upload(self, folder: str, file_name: str, parts: AsyncIterable[bytes], most_bytes: int = MOST_UPLOAD_BYTES) -> str:
+        """Write what a page sends under a free name in `folder`; returns that name.
+
+        Raises:
+            InputError: a file name that is not plain, or more than `most_bytes`. Nothing is left then.
+        """
+        check_name(file_name)
+        stem, suffix = Path(file_name).stem, Path(file_name).suffix
+        name = self.free_name(folder, stem, suffix)
+        with atomic_file(self.path(name)) as temporary, temporary.open("wb") as file:
+            size = 0
+            async for part in parts:
+                size += len(part)
+                if size > most_bytes:
+                    raise InputError(f"{file_name}: more than {most_bytes / 2**20:,.0f} MB; copy it into {self.root} instead")
+                file.write(part)
+        return name
 
 
 def recording_place(name: str) -> PurePosixPath:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 from collections.abc import Mapping
+from typing import Any
 
 from nicegui import ui
 
@@ -11,9 +12,9 @@ from posefuse.core import InputError
 from posefuse.foundation.plugins import sources_of_others
 from posefuse_studio.jobs import WATCH
 from posefuse_studio.setups import Setup, delete_setup, found_sources, presets, save_setup, setup_named
-from posefuse_studio.shell import camera_tiles, card, dialog, icon_button, job_lines, recent, redrawn, small, title
+from posefuse_studio.shell import camera_tiles, card, dialog, icon_button, job_lines, recent, redrawn, refused, small, title
 from posefuse_studio.state import Studio
-from posefuse_studio.workspace import check_name
+from posefuse_studio.workspace import MOST_UPLOAD_BYTES, check_name
 
 # of an address, by how it begins
 _KINDS = ("rtsp://", "rtsps://", "http://", "https://", "usb:", "realsense:", "ros:/")
@@ -72,7 +73,6 @@ class _Chooser:
                         icon_button("add", f"Add {one.text}", lambda one=one: self._add(one.name, one.source))
                 if not found:
                     small("No camera on USB, and no video in the workspace.")
-                small(f"Videos to use are copied into the workspace, the folder {self._studio.workspace.root.name}.")
 
         with head:
             icon_button("refresh", "Look again", look)
@@ -92,6 +92,19 @@ class _Chooser:
             with ui.row().classes("items-center gap-2 w-full no-wrap"):
                 what = ui.input("e.g. rtsp://192.168.1.20/stream").classes("pf-grow")
                 ui.button("Add", on_click=add).props("outline")
+        with card("Upload videos"):
+            why = f"Expected videos of at most {MOST_UPLOAD_BYTES / 2**30:g} GB; copy others into {self._studio.workspace.root}"
+            ui.upload(
+                multiple=True,
+                auto_upload=True,
+                max_file_size=MOST_UPLOAD_BYTES,
+                on_upload=self._uploaded,
+                on_rejected=lambda: refused(why),
+            ).props('accept="video/*" flat bordered label="Press + or drop videos here"')
+
+    async def _uploaded(self, event: Any) -> None:
+        name = await self._studio.workspace.upload("videos", event.file.name, event.file.iterate())
+        self._add(event.file.name.rpartition(".")[0][:40], f"video:{name}")
 
     def _add(self, name: str, source: str) -> None:
         stem, number = name.replace(" ", "_"), 1
