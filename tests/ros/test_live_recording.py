@@ -373,7 +373,7 @@ def test_people_are_drawn_by_two_readers_unasked(tmp_path: Path) -> None:
     assert count["/posefuse/pose"] == poses == len(list(read_poses(path)))
     assert len(list(read_detections(path))) == sum(isinstance(message, LiveDetections) for message in given)
     assert count["/posefuse/markers"] == pytest.approx(30, abs=4)
-    assert count["/posefuse/markers"] < 40 and not any(name.endswith(("/pose_with_covariance", "/twist")) for name in count)
+    assert count["/posefuse/markers"] < 40 and not any(name.endswith("/pose_with_covariance") for name in count)
     cameras = {message.camera for message in given if isinstance(message, LivePreview)}
     assert cameras and all(count[topic(camera).name] for camera in cameras for topic in (topics.preview, topics.preview_info))
     # on request only

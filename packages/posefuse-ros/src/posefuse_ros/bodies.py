@@ -14,7 +14,6 @@ smoothly to the one it has when the limb is swung there from hanging, without tw
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -218,10 +217,6 @@ _STEP_M = 1e-4
 _MOVED_M = _STEP_M * np.eye(3 * len(_NAMES)).reshape(len(_NAMES), 3, len(_NAMES), 3)[_MOVING]
 # what rounding alone makes, in metres or rad per metre, is far below
 _NO_SLOPE = 1e-9
-Difference = Callable[[Array, Array], Array]
-# a step of 10 ms corrected by a new view is uncertain by itself
-_SMOOTHED_S = 0.08
-_GAP_S = 0.3
 
 
 def parts_from_pose(pose: Pose3D, bodies: Bodies) -> SE3:
@@ -273,47 +268,3 @@ def small_turn(wxyz: Array, from_wxyz: Array) -> Array:
     back = np.broadcast_to(from_wxyz, wxyz.shape) * np.array([1.0, -1.0, -1.0, -1.0])
     small = quaternion_product(wxyz, back)
     return np.asarray(2.0 * small[..., 1:] * np.sign(small[..., :1]))
-
-
-class Velocities:
-    """Rates of change per person. Values (N, V), given as differences, so that angles may wrap; NaN until two steps are known."""
-
-    def __init__(self) -> None:
-        self._t_ns: int | None = None
-        self._before: dict[int, tuple[Array, Array]] = {}
-
-    def step(self, t_ns: int, people: Sequence[int], values: Array, difference: Difference) -> Array:
-        """(N, D) per second, at the time of the newest values (N, V); `difference(now, before)` is (D,)."""
-        dt = (t_ns - self._t_ns) / 1e9 if self._t_ns is not None else np.inf
-        went_on = 0.0 < dt < _GAP_S
-        weight = 1.0 - np.exp(-dt / _SMOOTHED_S) if went_on else 1.0
-        found, kept = [], {}
-        for person, now in zip(people, values, strict=True):
-            before = self._before.get(person)
-            if before is None or not went_on:
-                rate = np.full(len(difference(now, now)), np.nan)
-            else:
-                raw = difference(now, before[0]) / dt
-                # what is new begins with its first difference
-                rate = np.where(np.isfinite(before[1]), before[1] + weight * (raw - before[1]), raw)
-            kept[person] = now, rate
-            found.append(rate)
-        self._t_ns, self._before = t_ns, kept
-        return np.array(found)
-
-
-def angle_difference(now: Array, before: Array) -> Array:
-    """Of angles (V,) in rad, the shorter way round."""
-    return np.asarray((now - before + np.pi) % (2 * np.pi) - np.pi)
-
-
-def pose_difference(now: Array, before: Array) -> Array:
-    """Of poses (P * 7,), wxyz and xyz of each: metres and a rotation vector about the world's axes, (P * 6,)."""
-    one, other = now.reshape(-1, 7), before.reshape(-1, 7)
-    return np.concatenate([one[:, 4:] - other[:, 4:], small_turn(one[:, :4], other[:, :4])], axis=-1).ravel()
-
-
-def packed_poses(poses: SE3) -> Array:
-    """(N, P * 7) of a batch (N, P), as `pose_difference` takes them."""
-    both = np.concatenate([poses.wxyz, poses.xyz], axis=-1)
-    return np.asarray(both.reshape(len(both), -1))
