@@ -120,38 +120,22 @@ def _links(body: Array, rotation: Array, xyz: Array) -> SE3:
 
 def unit_or_nan(vectors: Array) -> Array:
     """(..., 3) of length one; NaN where there is no length."""
-    # as `np.linalg.norm`, whose care for other cases costs more
-    length = np.sqrt(np.add.reduce(vectors * vectors, axis=-1, keepdims=True))
+    length = np.linalg.norm(vectors, axis=-1, keepdims=True)
     return np.asarray(vectors / np.where(length > 1e-9, length, np.nan))
-
-
-def cross(a: Array, b: Array) -> Array:
-    """As `np.cross` of (..., 3), whose care for other shapes costs more than the product here."""
-    ax, ay, az = a[..., 0], a[..., 1], a[..., 2]
-    bx, by, bz = b[..., 0], b[..., 1], b[..., 2]
-    return along_last(ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx)
-
-
-def along_last(*parts: Array) -> Array:
-    """As `np.stack` along a new last axis, whose care for other cases costs more than the copies here."""
-    out = np.empty((*parts[0].shape, len(parts)))
-    for i, part in enumerate(parts):
-        out[..., i] = part
-    return out
 
 
 def _axes(y: Array, z: Array) -> Array:
     """(N, 3, 3) columns x, y, z: z along the given z, y as near to the given y as a right angle to z allows."""
     up = unit_or_nan(z)
-    forward = unit_or_nan(cross(y, up))
-    return along_last(forward, cross(up, forward), up)
+    forward = unit_or_nan(np.cross(y, up))
+    return np.stack([forward, np.cross(up, forward), up], axis=-1)
 
 
 def _head_axes(left: Array, nose: Array) -> Array:
     """(N, 3, 3): y along the ears, x towards the nose."""
     y = unit_or_nan(left)
     x = unit_or_nan(nose - (nose * y).sum(axis=-1, keepdims=True) * y)
-    return along_last(x, y, cross(x, y))
+    return np.stack([x, y, np.cross(x, y)], axis=-1)
 
 
 def _limb(body: Array, near: Array, middle: Array, far: Array, bends: float) -> tuple[Array, Array]:
@@ -164,7 +148,7 @@ def _limb(body: Array, near: Array, middle: Array, far: Array, bends: float) -> 
     across = bends * (v - along * u)
     sine = np.linalg.norm(across, axis=-1, keepdims=True)
     x = unit_or_nan(across + _untwisted_forward(u) * np.maximum(0.0, _STRAIGHT - sine))
-    frame = along_last(x, cross(-u, x), -u)
+    frame = np.stack([x, np.cross(-u, x), -u], axis=-1)
     return frame, bends * np.arctan2(sine, along)[..., 0]
 
 
@@ -173,14 +157,14 @@ def _untwisted_forward(u: Array) -> Array:
     # first column of Rodrigues' rotation from -z to u; straight up it is the limit of swinging through the front
     x, y, z = u[..., 0], u[..., 1], u[..., 2]
     scale = 1 / np.maximum(1 - z, 1e-9)
-    return along_last(1 - x * x * scale, -x * y * scale, x)
+    return np.stack([1 - x * x * scale, -x * y * scale, x], axis=-1)
 
 
 def _about_y(frame: Array, angle_rad: Array) -> Array:
     """`frame` (..., 3, 3) turned about its own y."""
     c, s = np.cos(angle_rad)[..., None], np.sin(angle_rad)[..., None]
     x, y, z = frame[..., 0], frame[..., 1], frame[..., 2]
-    return along_last(c * x - s * z, y, s * x + c * z)
+    return np.stack([c * x - s * z, y, s * x + c * z], axis=-1)
 
 
 def _shoulder_angles(m: Array) -> list[Array]:
@@ -202,7 +186,7 @@ def _head_angles(body: Array, head: Array) -> Array:
     """r, y, p (N, 3) of body_from_head = Rx(r) Rz(y) Ry(-p)."""
     m = np.swapaxes(body, -1, -2) @ head
     yaw = np.arcsin(np.clip(-m[..., 0, 1], -1, 1))
-    return along_last(np.arctan2(m[..., 2, 1], m[..., 1, 1]), yaw, -np.arctan2(m[..., 0, 2], m[..., 0, 0]))
+    return np.stack([np.arctan2(m[..., 2, 1], m[..., 1, 1]), yaw, -np.arctan2(m[..., 0, 2], m[..., 0, 0])], axis=-1)
 
 
 PARTS = ("head", "left_wrist", "right_wrist", "left_hand", "right_hand")
@@ -256,8 +240,8 @@ def _parts(links: SE3, points: Array) -> SE3:
     x = unit_or_nan(middle - points[:, list(_WRISTS)])
     # with the palm down the thumb is on the right of a left hand, and on the left of a right one
     left = (pinky - index) * np.array([1.0, -1.0])[:, None]
-    z = unit_or_nan(cross(x, left))
-    rotation = along_last(x, cross(z, x), z)
+    z = unit_or_nan(np.cross(x, left))
+    rotation = np.stack([x, np.cross(z, x), z], axis=-1)
     seen = np.asarray(np.isfinite(rotation).all(axis=(-1, -2)) & np.isfinite(middle).all(axis=-1))
     hands = SE3.from_matrix(np.where(seen[..., None, None], rotation, np.nan), np.where(seen[..., None], middle, np.nan))
     return SE3(np.concatenate([links.wxyz, hands.wxyz], axis=1), np.concatenate([links.xyz, hands.xyz], axis=1))
