@@ -1,6 +1,6 @@
 """Views of camera nodes on other machines, as a live session takes them, and who may send them.
 
-Who sent first keeps a camera; the session's skeleton only, and no floods.
+Who sent first keeps a camera; the session's skeleton only.
 """
 
 from __future__ import annotations
@@ -31,8 +31,6 @@ from .types import Intake
 _S = 1_000_000_000
 # a stamp within this of the arrival is that of a clock that a person has set
 _BELIEVABLE_NS = 10 * _S
-# a sender of which so many messages were refused in a second, and none accepted, is not read for a second
-_FLOOD = 200
 _VOTE_NS = _S // 2
 _MOST_REASONS = 100
 
@@ -43,15 +41,6 @@ class _Camera:
 
     sender: str
     believable: bool
-
-
-@dataclass
-class _Sender:
-    """What became of a sender's messages within the current second."""
-
-    since_ns: int
-    refused: int = 0
-    accepted: int = 0
 
 
 class Senders:
@@ -77,38 +66,15 @@ class Senders:
         self.news: list[str] = []
         self._names = cameras
         self._cameras: dict[str, _Camera] = {}
-        self._senders: dict[str, _Sender] = {}
         self._votes: dict[Skeleton, set[str]] = {}
         self._vote_ns: int | None = None
-
-    def read(self, sender: str, now_ns: int) -> bool:
-        """Whether to read the next message of `sender` at all; False while it floods."""
-        one = self._senders.get(sender)
-        if one is None or now_ns - one.since_ns > _S:
-            if len(self._senders) > _MOST_REASONS:
-                self._senders.clear()
-            one = self._senders[sender] = _Sender(now_ns)
-        if one.accepted or one.refused < _FLOOD:
-            return True
-        self._refuse("a sender of nothing but refused messages floods the network: it is not read")
-        return False
-
-    def count_refused(self, sender: str) -> None:
-        """A message of `sender` could not be read."""
-        if sender in self._senders:
-            self._senders[sender].refused += 1
 
     def admits(self, view: Detections2D, sender: str, now_ns: int) -> bool:
         """Whether to use a view that came from `sender`."""
         why = self._objection(view, sender, now_ns)
-        if why is not None:
-            self.count_refused(sender)
-            if why:
-                self._refuse(why)
-            return False
-        if sender in self._senders:
-            self._senders[sender].accepted += 1
-        return True
+        if why:
+            self._refuse(why)
+        return why is None
 
     def sender(self, camera: str) -> str | None:
         """Who sends the views of a camera."""
@@ -197,10 +163,7 @@ class ViewIntake:
 
     def view(self, sample: Sample, now_ns: int) -> list[SeenView | LiveJointCentres]:
         """A view that arrived at `now_ns`; before the first view of a sender, the joint centres it reported for the camera."""
-        if not self.senders.read(sample.sender, now_ns):
-            return []
         if (taken := self.intake.take(sample.raw)) is None:
-            self.senders.count_refused(sample.sender)
             return []
         (view, stages), state = taken
         seen = _seen(view, stages, state, sample.sent_ns, now_ns)
