@@ -21,7 +21,6 @@ SHARED = {
     },
     "a compiled kernel and the function that calls it": {"agreement", "solve_robust"},
     "one operation in the second pass and live": {"hold_bones"},
-    "one product of vectors, compiled and for arrays": {"cross"},
 }  # fmt: skip
 
 

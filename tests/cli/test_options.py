@@ -231,7 +231,7 @@ WITH_FILES: dict[str, tuple[str, type[Any], str]] = {
         "--config",
         LiveConfig,
         "--body off, --people 2, --names A,B, --rate 50, --groups 2, --domain 3, "
-        "--peer one, --interface text, --local-only, --sim-time, --record other.mcap, --record other.mcap --record-images, "
+        "--peer one, --interface text, --local-only, --sim-time, --record other.mcap, "
         "--ros --local-only, --ros1, --osc host:1, --json-udp host:1, --output lsl, --axes y_up, --view-file other.rrd",
     ),
     "track SESSION --out text": (

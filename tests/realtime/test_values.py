@@ -344,7 +344,6 @@ def test_a_video_begins_again_at_every_turn(ring_rig, demo_session) -> None:
         (("--record", "walk.mp4"), "walk.mp4: expected a name that ends in .mcap"),
         (("--osc", "nonsense"), "host:port"),
         (("--record", "/nowhere/x.mcap"), "there is no folder /nowhere"),
-        (("--record-images",), "live_outputs record: path: missing"),
         (("--axes", "y_up"), "no output of this session has axes"),
         (("--domain", "5"), "--domain 5: no source and no output is in ROS 2; leave it out, or add one"),
         (("--peer", "10.0.0.7", "--peer", "10.0.0.8", "--record", "walk.mcap"), "--peer 10.0.0.7 10.0.0.8: no source"),

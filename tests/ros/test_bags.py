@@ -109,17 +109,6 @@ def test_a_recording_cut_off_anywhere_is_read_to_its_last_whole_chunk(tmp_path, 
         list(bags.read_poses(path))
 
 
-def test_what_was_recorded_before_the_session_began_does_not_count_as_time_that_was_read(tmp_path, some_pose):
-    path, said = tmp_path / "a.mcap", []
-    with bags.Recorder(path) as recorder:
-        recorder.write(topics.JOINT_CENTRES, bytes(8), 0, 0)
-        for i in range(600):
-            recorder.publish(topics.POSE, message_from_pose(some_pose(seed=i), {}), 6_000_000_000 + 10_000_000 * i)
-    path.write_bytes(path.read_bytes()[:-3])
-    assert len(list(bags.read_poses(path, warn=said.append))) == 600
-    assert "cut off; 5.99 s of it were read" in said[0]
-
-
 def test_what_is_no_mcap_or_ends_before_its_header_does_is_reported(tmp_path, some_pose):
     path = tmp_path / "a.mcap"
     whole = long_recording(path, some_pose, 2)

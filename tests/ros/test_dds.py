@@ -170,7 +170,9 @@ def test_ports_in_use_are_reported():
     with ExitStack() as taken:
         for port in range(7410 + 250 * domain, 7410 + 250 * domain + 64):
             taken.enter_context(socket.socket(socket.AF_INET, socket.SOCK_DGRAM)).bind(("", port))
-        with pytest.raises(SourceError, match=rf"domain {domain}: .*are all in use by other programs, choose another domain"):
+        with pytest.raises(
+            SourceError, match=rf"domain {domain}: .*where other programs use all its UDP ports, choose another domain"
+        ):
             RosNode("x", Network(domain_id=domain, local_only=True))
     RosNode("x", Network(domain_id=domain, local_only=True)).close()
 

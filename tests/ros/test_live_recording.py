@@ -22,7 +22,6 @@ from posefuse.core import (
     LiveMessage,
     LiveNames,
     LivePose,
-    LivePreview,
     LiveStart,
     Pose3D,
     Rig,
@@ -41,7 +40,7 @@ from posefuse.pipeline.solve import solve_again
 from posefuse.pipeline.time_steps import frame_period_ns
 from posefuse.realtime.config import LiveConfig
 from posefuse.realtime.outputs import notes_of
-from posefuse_ros import bags, live_recording, topics
+from posefuse_ros import bags, live_recording
 from posefuse_ros.bags import Recorder, read_detections, read_mcap, read_poses
 from posefuse_ros.mcap_output import McapSink, RecordConfig
 
@@ -346,9 +345,9 @@ def messages() -> tuple[LiveMessage, ...]:
     return tuple(made_up_messages())
 
 
-def recorded(path: Path, *, images: bool) -> tuple[Path, list]:
+def recorded(path: Path) -> tuple[Path, list]:
     """A second of poses at 100 Hz, and everything else once."""
-    config = RecordConfig(path=path, images=images)
+    config = RecordConfig(path=path)
     output = config.build()
     output.take(made_up_start(1))
     given = [message for message in messages() if isinstance(message, config.takes)]
@@ -363,7 +362,7 @@ def recorded(path: Path, *, images: bool) -> tuple[Path, list]:
 
 
 def test_people_are_drawn_by_two_readers_unasked(tmp_path: Path) -> None:
-    path, given = recorded(tmp_path / "a.mcap", images=True)
+    path, given = recorded(tmp_path / "a.mcap")
     count = Counter(one.topic for one in read_mcap(path))
     with path.open("rb") as file:
         theirs = reader.make_reader(file, decoder_factories=[DecoderFactory()]).iter_decoded_messages()
@@ -373,13 +372,7 @@ def test_people_are_drawn_by_two_readers_unasked(tmp_path: Path) -> None:
     assert count["/posefuse/pose"] == poses == len(list(read_poses(path)))
     assert len(list(read_detections(path))) == sum(isinstance(message, LiveDetections) for message in given)
     assert count["/posefuse/markers"] == pytest.approx(30, abs=4)
-    assert count["/posefuse/markers"] < 40 and not any(name.endswith(("/pose_with_covariance", "/twist")) for name in count)
-    cameras = {message.camera for message in given if isinstance(message, LivePreview)}
-    assert cameras and all(count[topic(camera).name] for camera in cameras for topic in (topics.preview, topics.preview_info))
-    # on request only
-    path, _ = recorded(tmp_path / "b.mcap", images=False)
-    assert LivePreview not in RecordConfig(path=path).takes
-    assert not any("preview" in one.topic for one in read_mcap(path))
+    assert count["/posefuse/markers"] < 40 and not any(name.endswith("/pose_with_covariance") for name in count)
 
 
 def test_a_session_that_did_not_start_leaves_no_file(tmp_path: Path) -> None:

@@ -1,4 +1,4 @@
-"""Head, wrists and hands as robots want them: axes, covariance, velocity."""
+"""Head, wrists and hands as robots want them: axes and covariance."""
 
 import dataclasses
 
@@ -13,13 +13,9 @@ from posefuse_ros.bodies import (
     JOINTS,
     LINKS,
     PARTS,
-    Velocities,
-    angle_difference,
     bodies_from_pose,
     covariance_of_parts,
-    packed_poses,
     parts_from_pose,
-    pose_difference,
 )
 from posefuse_ros.ros_output import RosOutput
 
@@ -103,44 +99,6 @@ def test_a_covariance_is_known_where_a_point_that_the_part_does_not_depend_on_is
         assert np.isfinite(parts_of(lacking(person(rng, 0.02), "left_ear", "left_knee", "right_ankle"))[1][0, 1:]).all()
 
 
-# --- velocity
-
-
-def test_even_motion_has_its_velocity():
-    rates, turn = Velocities(), np.array([0.2, -0.5, 1.5])
-    for i in range(60):
-        t_s = i * 0.01
-        pose = SE3.from_rotvec(turn * t_s, np.array([0.0, 1.0, 2.0]) + np.array([0.5, -1.2, 0.1]) * t_s)
-        batch = SE3(pose.wxyz[None, None], pose.xyz[None, None])
-        rate = rates.step(i * S // 100, [4], packed_poses(batch), pose_difference)
-        assert np.isnan(rate).all() == (i == 0)
-    np.testing.assert_allclose(rate[0], [0.5, -1.2, 0.1, *turn], rtol=1e-4)
-
-
-def test_noise_is_smoothed_and_a_swing_is_followed():
-    rng, noisy, clean = np.random.default_rng(1), Velocities(), Velocities()
-    t_s = np.arange(0, 4, 0.01)
-    x = 0.3 * np.sin(2 * np.pi * t_s)
-    jitter = x + rng.normal(size=x.shape) * 0.002
-    got = np.array([noisy.step(round(t * 1e9), [1], v[None, None], np.subtract)[0, 0] for t, v in zip(t_s, jitter, strict=True)])
-    even = np.array([clean.step(round(t * 1e9), [1], v[None, None], np.subtract)[0, 0] for t, v in zip(t_s, x, strict=True)])
-    truth = 0.3 * 2 * np.pi * np.cos(2 * np.pi * t_s)
-    # a difference of two steps has 0.28 m/s of noise
-    assert np.std((got - even)[50:]) < 0.1
-    late = 0.08
-    np.testing.assert_allclose(even[100:], np.interp(t_s[100:] - late, t_s, truth), atol=0.25)
-
-
-def test_angles_take_the_shorter_path_and_gaps_and_new_people_start_again():
-    rates = Velocities()
-    for i, angle in enumerate((3.13, -3.14, -3.13)):
-        rate = rates.step(i * S // 100, [1], np.array([[angle]]), angle_difference)
-    assert abs(rate[0, 0]) < 2
-    assert np.isnan(rates.step(2 * S, [1], np.array([[0.0]]), angle_difference)).all()
-    rate = rates.step(2 * S + S // 100, [1, 2], np.array([[0.1], [5.0]]), angle_difference)
-    assert rate[0, 0] == pytest.approx(10) and np.isnan(rate[1, 0])
-
-
 # --- what goes out
 
 
@@ -151,18 +109,13 @@ def test_parts_are_published_in_the_world(kept):
     pose, cov = kept.on("/humans/bodies/p1/left_hand/pose")[0], kept.on("/humans/bodies/p1/left_hand/pose_with_covariance")[0]
     assert pose.header.frame_id == "world" and pose.pose.position.x == pytest.approx(0.65)
     assert cov.pose.covariance[0] == pytest.approx(0.5e-4, rel=1e-3)
-    assert kept.on("/humans/bodies/p1/head/twist")[-1].twist.linear.x == 0
-    assert kept.on("/humans/bodies/p1/position")[0].point.z == pytest.approx(0.9)
-    joints = kept.on("/humans/bodies/p1/joint_states")[-1]
-    assert joints.velocity.size == joints.position.size
 
 
-def test_covariance_and_velocity_of_parts_are_made_only_for_those_who_ask(kept, monkeypatch):
+def test_the_covariance_of_parts_is_made_only_for_those_who_ask(kept, monkeypatch):
     one = "/humans/bodies/p1/left_hand"
-    kept.unwanted = {topics.body("p1", f"{part}/{what}").name for part in PARTS for what in ("pose_with_covariance", "twist")}
+    kept.unwanted = {topics.body("p1", f"{part}/pose_with_covariance").name for part in PARTS}
     monkeypatch.setattr("posefuse_ros.ros_output.covariance_of_parts", None)
     output = RosOutput(kept)
-    output._part_rates.step = None
     output.step(person())
     assert kept.on(f"{one}/pose") and not kept.on(f"{one}/pose_with_covariance")
 

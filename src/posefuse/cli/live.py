@@ -49,7 +49,6 @@ class OutputOptions:
 
     Attributes:
         record: Record views and poses.
-        record_images: Record small images of the cameras, too.
         ros: Publish in ROS 2.
         ros1: Publish in ROS 1, at the master of ROS_MASTER_URI.
         osc: Send poses as OSC. May be given several times.
@@ -61,7 +60,6 @@ class OutputOptions:
     """
 
     record: Annotated[Path | None, Parameter(metavar="FILE.mcap")] = None
-    record_images: bool = False
     ros: bool = False
     ros1: bool = False
     osc: Annotated[tuple[str, ...], Parameter(metavar="HOST:PORT")] = ()
@@ -75,9 +73,8 @@ class OutputOptions:
     def chosen(self) -> dict[str, dict[str, Any]]:
         """Options of the outputs that were chosen, by name."""
         found: dict[str, dict[str, Any]] = {name: {} for name in self.output}
-        recorded = {"path": self.record and self.record.absolute(), "images": self.record_images}
-        if any(recorded.values()):
-            found["record"] = {key: value for key, value in recorded.items() if value}
+        if self.record:
+            found["record"] = {"path": self.record.absolute()}
         found |= {name: {} for name, on in (("ros2", self.ros), ("ros1", self.ros1)) if on}
         found |= {name: {"to": list(to)} for name, to in (("osc", self.osc), ("json", self.json_udp)) if to}
         if self.view_file or self.view:

@@ -26,7 +26,6 @@ from .topics import Topic
 from .types import decode, definition, encode, optional_module, ros2_types
 
 _MB = 1e6
-_S = 1e9
 
 
 class _CutOff(Exception):
@@ -65,7 +64,6 @@ def mcap_records(path: Path, warn: Callable[[str], None]) -> Iterator[tuple[str,
         reads = _WholeReads(file)
         records = stream_reader.StreamReader(reads, validate_crcs=True, record_size_limit=_MAX_MESSAGE_BYTES).records
         whole_bytes, any_record = 0, False
-        spans: dict[int, _Span] = {}
         while True:
             try:
                 record = next(records, None)
@@ -74,38 +72,18 @@ def mcap_records(path: Path, warn: Callable[[str], None]) -> Iterator[tuple[str,
                     raise SourceError(
                         f"{path}: cannot be read as MCAP: it ends after {size} bytes, before its header does"
                     ) from None
-                warn(_cut_line(path, size, whole_bytes, spans.values()))
+                warn(
+                    f"{path}: the recording was cut off; the last {(size - whole_bytes) / _MB:.3f} of {size / _MB:.3f} MB are "
+                    "unfinished, later messages missing"
+                )
                 return
             except _damage() as error:
                 where = f"damaged at byte {whole_bytes} of {size}" if any_record else "cannot be read as MCAP"
                 raise SourceError(f"{path}: {where} ({str(error) or type(error).__name__})") from None
             if record is None:
                 return
-            any_record, whole_bytes, kind = True, reads.read_bytes, type(record).__name__
-            if kind == "Message":
-                spans.setdefault(record.channel_id, _Span(record.log_time)).add(record.log_time)
-            yield kind, record
-
-
-class _Span:
-    """How many messages a channel has, from when to when."""
-
-    def __init__(self, first_ns: int) -> None:
-        self.count, self.first_ns, self.last_ns = 0, first_ns, first_ns
-
-    def add(self, t_ns: int) -> None:
-        """Its next message."""
-        self.count, self.last_ns = self.count + 1, t_ns
-
-
-def _cut_line(path: Path, size: int, whole_bytes: int, spans: Collection[_Span]) -> str:
-    # of the channel with the most messages: what is sent once may be long before
-    longest = max(spans, key=lambda span: span.count, default=None)
-    kept = "no message is left" if longest is None else f"{(longest.last_ns - longest.first_ns) / _S:.2f} s of it were read"
-    cut, whole = (size - whole_bytes) / _MB, size / _MB
-    return (
-        f"{path}: the recording was cut off; {kept}; the last {cut:.3f} of {whole:.3f} MB are unfinished, later messages missing"
-    )
+            any_record, whole_bytes = True, reads.read_bytes
+            yield type(record).__name__, record
 
 
 def _damage() -> tuple[type[BaseException], ...]:

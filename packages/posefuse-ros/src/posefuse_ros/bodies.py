@@ -14,7 +14,6 @@ smoothly to the one it has when the limb is swung there from hanging, without tw
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -121,38 +120,22 @@ def _links(body: Array, rotation: Array, xyz: Array) -> SE3:
 
 def unit_or_nan(vectors: Array) -> Array:
     """(..., 3) of length one; NaN where there is no length."""
-    # as `np.linalg.norm`, whose care for other cases costs more
-    length = np.sqrt(np.add.reduce(vectors * vectors, axis=-1, keepdims=True))
+    length = np.linalg.norm(vectors, axis=-1, keepdims=True)
     return np.asarray(vectors / np.where(length > 1e-9, length, np.nan))
-
-
-def cross(a: Array, b: Array) -> Array:
-    """As `np.cross` of (..., 3), whose care for other shapes costs more than the product here."""
-    ax, ay, az = a[..., 0], a[..., 1], a[..., 2]
-    bx, by, bz = b[..., 0], b[..., 1], b[..., 2]
-    return along_last(ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx)
-
-
-def along_last(*parts: Array) -> Array:
-    """As `np.stack` along a new last axis, whose care for other cases costs more than the copies here."""
-    out = np.empty((*parts[0].shape, len(parts)))
-    for i, part in enumerate(parts):
-        out[..., i] = part
-    return out
 
 
 def _axes(y: Array, z: Array) -> Array:
     """(N, 3, 3) columns x, y, z: z along the given z, y as near to the given y as a right angle to z allows."""
     up = unit_or_nan(z)
-    forward = unit_or_nan(cross(y, up))
-    return along_last(forward, cross(up, forward), up)
+    forward = unit_or_nan(np.cross(y, up))
+    return np.stack([forward, np.cross(up, forward), up], axis=-1)
 
 
 def _head_axes(left: Array, nose: Array) -> Array:
     """(N, 3, 3): y along the ears, x towards the nose."""
     y = unit_or_nan(left)
     x = unit_or_nan(nose - (nose * y).sum(axis=-1, keepdims=True) * y)
-    return along_last(x, y, cross(x, y))
+    return np.stack([x, y, np.cross(x, y)], axis=-1)
 
 
 def _limb(body: Array, near: Array, middle: Array, far: Array, bends: float) -> tuple[Array, Array]:
@@ -165,7 +148,7 @@ def _limb(body: Array, near: Array, middle: Array, far: Array, bends: float) -> 
     across = bends * (v - along * u)
     sine = np.linalg.norm(across, axis=-1, keepdims=True)
     x = unit_or_nan(across + _untwisted_forward(u) * np.maximum(0.0, _STRAIGHT - sine))
-    frame = along_last(x, cross(-u, x), -u)
+    frame = np.stack([x, np.cross(-u, x), -u], axis=-1)
     return frame, bends * np.arctan2(sine, along)[..., 0]
 
 
@@ -174,14 +157,14 @@ def _untwisted_forward(u: Array) -> Array:
     # first column of Rodrigues' rotation from -z to u; straight up it is the limit of swinging through the front
     x, y, z = u[..., 0], u[..., 1], u[..., 2]
     scale = 1 / np.maximum(1 - z, 1e-9)
-    return along_last(1 - x * x * scale, -x * y * scale, x)
+    return np.stack([1 - x * x * scale, -x * y * scale, x], axis=-1)
 
 
 def _about_y(frame: Array, angle_rad: Array) -> Array:
     """`frame` (..., 3, 3) turned about its own y."""
     c, s = np.cos(angle_rad)[..., None], np.sin(angle_rad)[..., None]
     x, y, z = frame[..., 0], frame[..., 1], frame[..., 2]
-    return along_last(c * x - s * z, y, s * x + c * z)
+    return np.stack([c * x - s * z, y, s * x + c * z], axis=-1)
 
 
 def _shoulder_angles(m: Array) -> list[Array]:
@@ -203,7 +186,7 @@ def _head_angles(body: Array, head: Array) -> Array:
     """r, y, p (N, 3) of body_from_head = Rx(r) Rz(y) Ry(-p)."""
     m = np.swapaxes(body, -1, -2) @ head
     yaw = np.arcsin(np.clip(-m[..., 0, 1], -1, 1))
-    return along_last(np.arctan2(m[..., 2, 1], m[..., 1, 1]), yaw, -np.arctan2(m[..., 0, 2], m[..., 0, 0]))
+    return np.stack([np.arctan2(m[..., 2, 1], m[..., 1, 1]), yaw, -np.arctan2(m[..., 0, 2], m[..., 0, 0])], axis=-1)
 
 
 PARTS = ("head", "left_wrist", "right_wrist", "left_hand", "right_hand")
@@ -218,10 +201,6 @@ _STEP_M = 1e-4
 _MOVED_M = _STEP_M * np.eye(3 * len(_NAMES)).reshape(len(_NAMES), 3, len(_NAMES), 3)[_MOVING]
 # what rounding alone makes, in metres or rad per metre, is far below
 _NO_SLOPE = 1e-9
-Difference = Callable[[Array, Array], Array]
-# a step of 10 ms corrected by a new view is uncertain by itself
-_SMOOTHED_S = 0.08
-_GAP_S = 0.3
 
 
 def parts_from_pose(pose: Pose3D, bodies: Bodies) -> SE3:
@@ -261,8 +240,8 @@ def _parts(links: SE3, points: Array) -> SE3:
     x = unit_or_nan(middle - points[:, list(_WRISTS)])
     # with the palm down the thumb is on the right of a left hand, and on the left of a right one
     left = (pinky - index) * np.array([1.0, -1.0])[:, None]
-    z = unit_or_nan(cross(x, left))
-    rotation = along_last(x, cross(z, x), z)
+    z = unit_or_nan(np.cross(x, left))
+    rotation = np.stack([x, np.cross(z, x), z], axis=-1)
     seen = np.asarray(np.isfinite(rotation).all(axis=(-1, -2)) & np.isfinite(middle).all(axis=-1))
     hands = SE3.from_matrix(np.where(seen[..., None, None], rotation, np.nan), np.where(seen[..., None], middle, np.nan))
     return SE3(np.concatenate([links.wxyz, hands.wxyz], axis=1), np.concatenate([links.xyz, hands.xyz], axis=1))
@@ -273,47 +252,3 @@ def small_turn(wxyz: Array, from_wxyz: Array) -> Array:
     back = np.broadcast_to(from_wxyz, wxyz.shape) * np.array([1.0, -1.0, -1.0, -1.0])
     small = quaternion_product(wxyz, back)
     return np.asarray(2.0 * small[..., 1:] * np.sign(small[..., :1]))
-
-
-class Velocities:
-    """Rates of change per person. Values (N, V), given as differences, so that angles may wrap; NaN until two steps are known."""
-
-    def __init__(self) -> None:
-        self._t_ns: int | None = None
-        self._before: dict[int, tuple[Array, Array]] = {}
-
-    def step(self, t_ns: int, people: Sequence[int], values: Array, difference: Difference) -> Array:
-        """(N, D) per second, at the time of the newest values (N, V); `difference(now, before)` is (D,)."""
-        dt = (t_ns - self._t_ns) / 1e9 if self._t_ns is not None else np.inf
-        went_on = 0.0 < dt < _GAP_S
-        weight = 1.0 - np.exp(-dt / _SMOOTHED_S) if went_on else 1.0
-        found, kept = [], {}
-        for person, now in zip(people, values, strict=True):
-            before = self._before.get(person)
-            if before is None or not went_on:
-                rate = np.full(len(difference(now, now)), np.nan)
-            else:
-                raw = difference(now, before[0]) / dt
-                # what is new begins with its first difference
-                rate = np.where(np.isfinite(before[1]), before[1] + weight * (raw - before[1]), raw)
-            kept[person] = now, rate
-            found.append(rate)
-        self._t_ns, self._before = t_ns, kept
-        return np.array(found)
-
-
-def angle_difference(now: Array, before: Array) -> Array:
-    """Of angles (V,) in rad, the shorter way round."""
-    return np.asarray((now - before + np.pi) % (2 * np.pi) - np.pi)
-
-
-def pose_difference(now: Array, before: Array) -> Array:
-    """Of poses (P * 7,), wxyz and xyz of each: metres and a rotation vector about the world's axes, (P * 6,)."""
-    one, other = now.reshape(-1, 7), before.reshape(-1, 7)
-    return np.concatenate([one[:, 4:] - other[:, 4:], small_turn(one[:, :4], other[:, :4])], axis=-1).ravel()
-
-
-def packed_poses(poses: SE3) -> Array:
-    """(N, P * 7) of a batch (N, P), as `pose_difference` takes them."""
-    both = np.concatenate([poses.wxyz, poses.xyz], axis=-1)
-    return np.asarray(both.reshape(len(both), -1))

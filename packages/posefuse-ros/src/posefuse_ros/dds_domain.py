@@ -122,21 +122,7 @@ def _why_not_open(network: Network, error: Exception) -> str:
     there = [name for _, name in socket.if_nameindex()]
     if network.interface and network.interface not in there:
         return f"no network interface {network.interface!r}, there are: {choices(there)}"
-    # DDSI-RTPS 9.6: unicast discovery of participant i
-    first = 7410 + 250 * network.domain_id
-    ports = range(first, first + 2 * _PARTICIPANTS, 2)
-    if not any(map(_free, ports)):
-        return f"UDP ports {ports[0]} to {ports[-1]} are all in use by other programs, choose another domain"
-    return str(error)
-
-
-def _free(port: int) -> bool:
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
-        try:
-            probe.bind(("", port))
-        except OSError:
-            return False
-    return True
+    return f"{error}; where other programs use all its UDP ports, choose another domain"
 
 
 _OPEN: WeakValueDictionary[int, _Domain] = WeakValueDictionary()

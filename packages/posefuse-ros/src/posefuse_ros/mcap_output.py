@@ -29,7 +29,6 @@ from posefuse.core import (
     LiveNames,
     LiveOutput,
     LivePose,
-    LivePreview,
     LiveStart,
     Pose3D,
     Recording,
@@ -150,14 +149,14 @@ def keep_clock(recorder: topics.Outlet, clock: SimulatedClock, t_ns: int) -> Non
 
 
 class _SessionRecorder(Recorder):
-    """Takes what a replay needs, small images, and what viewers draw while it is `shown`."""
+    """Takes what a replay needs, and what viewers draw while it is `shown`."""
 
     shown = True
 
     def wanted(self, topic: topics.Topic) -> bool:
         """See `topics.Outlet`."""
         name = topic.name
-        if topic.latched or topic in (topics.DETECTIONS, topics.POSE) or name.endswith("/joint_angles") or "/preview/" in name:
+        if topic.latched or topic in (topics.DETECTIONS, topics.POSE) or name.endswith("/joint_angles"):
             return True
         return self.shown and name.removeprefix("/humans/bodies/").partition("/")[2] not in _NOT_RECORDED
 
@@ -174,13 +173,11 @@ class RecordConfig(NetworkSettings):
     Attributes:
         path: the file, whose name ends in .mcap; must not exist.
         spare: folder in which recording continues where that of `path` is gone or full; None waits until it can be written.
-        images: record the cameras' small images, too.
         sim_time: cameras are stamped in simulated time: with every pose `/clock` is kept, as it was then.
     """
 
     path: Path
     spare: Path | None = None
-    images: bool = False
     sim_time: bool = False
     takes: ClassVar[tuple[type[LiveMessage], ...]] = _TAKES
     keeps_all: ClassVar[bool] = True
@@ -188,8 +185,6 @@ class RecordConfig(NetworkSettings):
     def __post_init__(self) -> None:
         if self.path.suffix.lower() != SUFFIX:
             raise ConfigError(f"{self.path}: expected a name that ends in {SUFFIX}, by which recordings are recognized")
-        # an instance may accept more than its class states
-        object.__setattr__(self, "takes", (*_TAKES, LivePreview) if self.images else _TAKES)
 
     def build(self) -> LiveOutput:
         """Not yet opened; raises DependencyError without the extra `ros`."""

@@ -306,15 +306,15 @@ def point_stamped(t_ns: int, frame: str, xyz: Array) -> Any:
     return message("geometry_msgs/msg/PointStamped", header=header(t_ns, frame), point=point(xyz.tolist()))
 
 
-def joint_state(one: str, position_rad: Array, velocity_rad_s: Array, t_ns: int) -> Any:
-    """`sensor_msgs/JointState` of the joints that are seen; velocities are 0 where they are not known yet."""
+def joint_state(one: str, position_rad: Array, t_ns: int) -> Any:
+    """`sensor_msgs/JointState` of the joints that are seen, without velocities."""
     seen = np.isfinite(position_rad)
     return message(
         "sensor_msgs/msg/JointState",
         header=header(t_ns, ""),
         name=[f"{name}_{one}" for name, known in zip(JOINTS, seen, strict=True) if known],
         position=position_rad[seen],
-        velocity=np.nan_to_num(velocity_rad_s[seen]),
+        velocity=np.zeros(0),
         effort=np.zeros(0),
     )
 

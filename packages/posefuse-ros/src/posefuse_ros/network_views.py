@@ -1,6 +1,6 @@
 """Views of camera nodes on other machines, as a live session takes them, and who may send them.
 
-Who sent first keeps a camera; the session's skeleton only, and no floods.
+Who sent first keeps a camera; the skeleton of the first view only.
 """
 
 from __future__ import annotations
@@ -9,7 +9,7 @@ import threading
 import time
 from collections import Counter, deque
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 from posefuse.core import Closing, Detections2D, LiveJointCentres, Rig, Skeleton, SourceError
 from posefuse.core.skeleton import BLAZEPOSE33
@@ -29,29 +29,7 @@ from .messages import DETECTIONS_TYPE, detections_from_message, state_from_messa
 from .types import Intake
 
 _S = 1_000_000_000
-# a stamp within this of the arrival is that of a clock that a person has set
-_BELIEVABLE_NS = 10 * _S
-# a sender of which so many messages were refused in a second, and none accepted, is not read for a second
-_FLOOD = 200
-_VOTE_NS = _S // 2
 _MOST_REASONS = 100
-
-
-@dataclass
-class _Camera:
-    """Who sends a camera's views now, and whether its stamps are those of a clock that is set."""
-
-    sender: str
-    believable: bool
-
-
-@dataclass
-class _Sender:
-    """What became of a sender's messages within the current second."""
-
-    since_ns: int
-    refused: int = 0
-    accepted: int = 0
 
 
 class Senders:
@@ -63,7 +41,7 @@ class Senders:
         cameras: of the rig.
 
     Attributes:
-        skeleton: of the session; None until enough views have come.
+        skeleton: of the session, that of the first view; None until it has come.
         refused: how many messages were refused, by reason. news: reasons that were not reported yet.
         strangers: how many views of cameras came that are not in the rig, by camera.
         present: the senders on the network; None while that is not known.
@@ -76,76 +54,39 @@ class Senders:
         self.strangers: Counter[str] = Counter()
         self.news: list[str] = []
         self._names = cameras
-        self._cameras: dict[str, _Camera] = {}
-        self._senders: dict[str, _Sender] = {}
-        self._votes: dict[Skeleton, set[str]] = {}
-        self._vote_ns: int | None = None
+        # who sends the views of each camera now
+        self._cameras: dict[str, str] = {}
 
-    def read(self, sender: str, now_ns: int) -> bool:
-        """Whether to read the next message of `sender` at all; False while it floods."""
-        one = self._senders.get(sender)
-        if one is None or now_ns - one.since_ns > _S:
-            if len(self._senders) > _MOST_REASONS:
-                self._senders.clear()
-            one = self._senders[sender] = _Sender(now_ns)
-        if one.accepted or one.refused < _FLOOD:
-            return True
-        self._refuse("a sender of nothing but refused messages floods the network: it is not read")
-        return False
-
-    def count_refused(self, sender: str) -> None:
-        """A message of `sender` could not be read."""
-        if sender in self._senders:
-            self._senders[sender].refused += 1
-
-    def admits(self, view: Detections2D, sender: str, now_ns: int) -> bool:
+    def admits(self, view: Detections2D, sender: str) -> bool:
         """Whether to use a view that came from `sender`."""
-        why = self._objection(view, sender, now_ns)
-        if why is not None:
-            self.count_refused(sender)
-            if why:
-                self._refuse(why)
-            return False
-        if sender in self._senders:
-            self._senders[sender].accepted += 1
-        return True
+        why = self._objection(view, sender)
+        if why:
+            self._refuse(why)
+        return why is None
 
     def sender(self, camera: str) -> str | None:
         """Who sends the views of a camera."""
-        one = self._cameras.get(camera)
-        return one.sender if one is not None else None
+        return self._cameras.get(camera)
 
-    def _objection(self, view: Detections2D, sender: str, now_ns: int) -> str | None:
+    def _objection(self, view: Detections2D, sender: str) -> str | None:
         """Why not to use a view: empty where that needs no word; None: it is used."""
         name = view.camera
         if name not in self._names:
             self.strangers[name if len(self.strangers) < _MOST_REASONS else "others"] += 1
             return ""
         if self.skeleton is None:
-            self._vote(view, now_ns)
-            return ""
+            self.skeleton = view.skeleton
         if view.skeleton != self.skeleton:
             theirs, ours = (f"{one.name} ({len(one)} keypoints)" for one in (view.skeleton, self.skeleton))
             return f"camera {name}: views have the skeleton {theirs}, this session has {ours}: not used"
-        believable = abs(view.t_ns - now_ns) < _BELIEVABLE_NS
-        now = self._cameras.get(name)
-        gone = now is not None and self.present is not None and now.sender not in self.present
-        taken = now is not None and now.sender != sender and not gone
-        if taken and now is not None and (now.believable or not believable):
-            return f"camera {name}: views of a second sender ({sender}) are not used, the camera is that of {now.sender}"
-        self._cameras[name] = _Camera(sender, believable)
+        owner = self._cameras.get(name, sender)
+        gone = self.present is not None and owner not in self.present
+        if owner != sender and not gone:
+            return f"camera {name}: views of a second sender ({sender}) are not used, the camera is that of {owner}"
+        self._cameras[name] = sender
         if self.present is not None:
             self.present.add(sender)
         return None
-
-    def _vote(self, view: Detections2D, now_ns: int) -> None:
-        """The skeleton of most cameras becomes the session's: when half of them have sent, or half a second after the first."""
-        self._vote_ns = now_ns if self._vote_ns is None else self._vote_ns
-        if len(self._votes) < _MOST_REASONS:
-            self._votes.setdefault(view.skeleton, set()).add(view.camera)
-        leading = max(self._votes, key=lambda skeleton: len(self._votes[skeleton]))
-        if 2 * len(self._votes[leading]) > len(self._names) or now_ns - self._vote_ns > _VOTE_NS:
-            self.skeleton = leading
 
     def _refuse(self, why: str) -> None:
         why = why if why in self.refused or len(self.refused) < _MOST_REASONS else "others"
@@ -197,16 +138,13 @@ class ViewIntake:
 
     def view(self, sample: Sample, now_ns: int) -> list[SeenView | LiveJointCentres]:
         """A view that arrived at `now_ns`; before the first view of a sender, the joint centres it reported for the camera."""
-        if not self.senders.read(sample.sender, now_ns):
-            return []
         if (taken := self.intake.take(sample.raw)) is None:
-            self.senders.count_refused(sample.sender)
             return []
         (view, stages), state = taken
         seen = _seen(view, stages, state, sample.sent_ns, now_ns)
         camera = seen.detections.camera
         before = self.senders.sender(camera)
-        if not self.senders.admits(seen.detections, sample.sender, now_ns):
+        if not self.senders.admits(seen.detections, sample.sender):
             return []
         if "detected" in stages:
             seen = self._by_our_clock(seen, sample.sender, now_ns)

@@ -1,6 +1,6 @@
 """Everything posefuse shows in ROS: bodies after REP-155, tf, markers, cameras, diagnostics.
 
-And what robots follow of each person: poses and velocities of head, wrists and hands.
+And what robots follow of each person: poses of head, wrists and hands.
 docs/reference/messages.md lists the topics.
 """
 
@@ -22,13 +22,9 @@ from .bodies import (
     LINKS,
     PARTS,
     Bodies,
-    Velocities,
-    angle_difference,
     bodies_from_pose,
     covariance_of_parts,
-    packed_poses,
     parts_from_pose,
-    pose_difference,
 )
 from .camera_messages import info_from_camera
 from .markers import camera_markers, person_markers
@@ -40,12 +36,10 @@ from .messages import (
     message_from_pose,
     messages_from_joints,
     optical_frame,
-    point_stamped,
     pose_stamped,
     pose_with_covariance,
     transform,
     transforms_of_children,
-    twist_stamped,
 )
 from .topics import Outlet, Topic
 from .types import message
@@ -98,7 +92,6 @@ class RosOutput:
         # bodies that are not there, whose topics still are: since when
         self._left_ns: dict[str, int] = {}
         self._markers = ShownTimes()
-        self._joint_rates, self._part_rates, self._body_rates = Velocities(), Velocities(), Velocities()
 
     def start(self, t_ns: int) -> None:
         """Publish what does not change: where the cameras are and how they see."""
@@ -139,8 +132,6 @@ class RosOutput:
         bodies = bodies_from_pose(pose)
         if self._wanted(ids, "joint_states"):
             self._show_joints(pose, bodies.position_rad, ids)
-        if self._wanted(ids, "position", "velocity"):
-            self._show_whereabouts(pose, bodies, ids)
         if self._wanted(ids, *topics.OF_PARTS):
             self._show_parts(pose, bodies, ids)
         if not frames:
@@ -150,11 +141,10 @@ class RosOutput:
             self.outlet.publish(topics.TF, message("tf2_msgs/msg/TFMessage", transforms=transforms), pose.t_ns)
 
     def _show_joints(self, pose: Pose3D, positions_rad: Array, ids: Sequence[str]) -> None:
-        rates = self._joint_rates.step(pose.t_ns, pose.person_id.tolist(), positions_rad, angle_difference)
-        for one, position_rad, rate in zip(ids, positions_rad, rates, strict=True):
+        for one, position_rad in zip(ids, positions_rad, strict=True):
             topic = topics.body(one, "joint_states")
             if self.outlet.wanted(topic):
-                self.outlet.publish(topic, joint_state(one, position_rad, rate, pose.t_ns), pose.t_ns)
+                self.outlet.publish(topic, joint_state(one, position_rad, pose.t_ns), pose.t_ns)
 
     def diagnose(self, t_ns: int, status: Sequence[Any]) -> None:
         """Publish the state of cameras and stages, each a `messages.diagnostic_status`."""
@@ -199,37 +189,20 @@ class RosOutput:
             segments += transforms_of_children(pose.t_ns, body, segment_names, body_from_child[count:])
         return links + segments
 
-    def _show_whereabouts(self, pose: Pose3D, bodies: Bodies, ids: Sequence[str]) -> None:
-        places = bodies.world_from_link[:, [_BODY]]
-        rates = np.full((len(ids), 6), np.nan)
-        if self._wanted(ids, "velocity"):
-            rates = self._body_rates.step(pose.t_ns, pose.person_id.tolist(), packed_poses(places), pose_difference)
-        for n, one in enumerate(ids):
-            if np.isfinite(places.xyz[n]).all() and self._wanted([one], "position"):
-                msg = point_stamped(pose.t_ns, WORLD, places.xyz[n, 0])
-                self.outlet.publish(topics.body(one, "position"), msg, pose.t_ns)
-            if np.isfinite(rates[n]).all() and self._wanted([one], "velocity"):
-                self.outlet.publish(topics.body(one, "velocity"), twist_stamped(pose.t_ns, WORLD, rates[n]), pose.t_ns)
-
     def _show_parts(self, pose: Pose3D, bodies: Bodies, ids: Sequence[str]) -> None:
         parts = parts_from_pose(pose, bodies)
-        rates, cov = np.full((*parts.batch, 6), np.nan), np.full((*parts.batch, 6, 6), np.nan)
-        if self._wanted(ids, *(f"{part}/twist" for part in PARTS)):
-            rates = self._part_rates.step(pose.t_ns, pose.person_id.tolist(), packed_poses(parts), pose_difference)
-            rates = rates.reshape(*parts.batch, 6)
+        cov = np.full((*parts.batch, 6, 6), np.nan)
         if self._wanted(ids, *(f"{part}/pose_with_covariance" for part in PARTS)):
             cov = covariance_of_parts(pose, parts)
         t_ns = pose.t_ns
-        sure, moving = np.isfinite(cov).all(axis=(-1, -2)), np.isfinite(rates).all(axis=-1)
+        sure = np.isfinite(cov).all(axis=(-1, -2))
         for n, p in np.argwhere(np.isfinite(parts.xyz).all(axis=-1)).tolist():
-            in_pose, in_cov, in_twist = (topics.body(ids[n], f"{PARTS[p]}/{what}") for what in topics.PART_TOPICS)
+            in_pose, in_cov = (topics.body(ids[n], f"{PARTS[p]}/{what}") for what in topics.PART_TOPICS)
             here = parts[n, p]
             if self.outlet.wanted(in_pose):
                 self.outlet.publish(in_pose, pose_stamped(t_ns, WORLD, here), t_ns)
             if sure[n, p] and self.outlet.wanted(in_cov):
                 self.outlet.publish(in_cov, pose_with_covariance(t_ns, WORLD, here, cov[n, p]), t_ns)
-            if moving[n, p] and self.outlet.wanted(in_twist):
-                self.outlet.publish(in_twist, twist_stamped(t_ns, WORLD, rates[n, p]), t_ns)
 
 
 @lru_cache(maxsize=256)

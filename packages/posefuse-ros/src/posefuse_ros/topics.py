@@ -91,7 +91,6 @@ def preview_info(camera: str) -> Topic:
 PART_TOPICS = {
     "pose": "geometry_msgs/msg/PoseStamped",
     "pose_with_covariance": "geometry_msgs/msg/PoseWithCovarianceStamped",
-    "twist": "geometry_msgs/msg/TwistStamped",
 }
 # those of all parts
 OF_PARTS = {f"{part}/{name}": type_name for part in PARTS for name, type_name in PART_TOPICS.items()}
@@ -99,8 +98,6 @@ OF_PARTS = {f"{part}/{name}": type_name for part in PARTS for name, type_name in
 BODY_PARTS = {
     "joint_states": "sensor_msgs/msg/JointState",
     "joint_angles": messages.JOINT_ANGLES_TYPE,
-    "position": "geometry_msgs/msg/PointStamped",
-    "velocity": "geometry_msgs/msg/TwistStamped",
     **OF_PARTS,
 }
 
