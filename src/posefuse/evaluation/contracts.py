@@ -100,7 +100,8 @@ def check_live_output(config: LiveOutputConfig, session: Sequence[LiveMessage], 
     known = LiveMessage.__args__
     _require(len(config.takes) > 0 and set(config.takes) <= {*known} - {LiveStart}, "takes names classes of core.live_messages")
     start, *messages = session
-    _require(isinstance(start, LiveStart), f"a session begins with a LiveStart ({type(start).__name__})")
+    if not isinstance(start, LiveStart):
+        raise ContractError(f"check_live_output: expected a session that begins with a LiveStart, got {type(start).__name__}")
     taken = [message for message in messages if isinstance(message, config.takes)]
     _take_part(config, [start, *taken])
     before = _contents(folder)
