@@ -9,6 +9,7 @@ import built
 import numpy as np
 import pytest
 from checks import assert_same, refusal
+from made_up_session import made_up_messages, made_up_start
 from videos import ScriptedSource
 
 import posefuse as pf
@@ -17,6 +18,7 @@ from posefuse.core import (
     Detections2D,
     Frame,
     Kind,
+    LiveMessage,
     LivePose,
     LiveStart,
     ModelError,
@@ -223,12 +225,16 @@ LIVE_OPTIONS = {
 }
 
 
+def session() -> list[LiveMessage]:
+    return [made_up_start(1), *made_up_messages()]
+
+
 @pytest.mark.parametrize("name", LIVE_OUTPUTS)
 def test_live_outputs(name: str, tmp_path: Path) -> None:
     package, options = LIVE_OPTIONS.get(name, ("numpy", lambda folder: {}))
     pytest.importorskip(package, reason=f"{package} is not usable here")
     try:
-        check_live_output(plugin_config("live_outputs", name, options(tmp_path)), tmp_path)
+        check_live_output(plugin_config("live_outputs", name, options(tmp_path)), session(), tmp_path)
     except SourceError as error:
         if name != "ros1":
             raise
@@ -280,15 +286,16 @@ def test_the_live_output_check_can_fail(tmp_path: Path) -> None:
         ("crowd", "take\\(\\) bears every LivePose of a session .*one person only"),
     ):
         (tmp_path / fault).mkdir()
-        refusal(ContractError, rule, check_live_output, Notebook(tmp_path / fault, fault), tmp_path / fault)
+        refusal(ContractError, rule, check_live_output, Notebook(tmp_path / fault, fault), session(), tmp_path / fault)
+    refusal(ContractError, "begins with a LiveStart", check_live_output, Notebook(tmp_path), session()[1:], tmp_path)
     (tmp_path / "good").mkdir()
-    check_live_output(Notebook(tmp_path / "good"), tmp_path / "good")
+    check_live_output(Notebook(tmp_path / "good"), session(), tmp_path / "good")
 
 
 def test_a_live_config_that_cannot_be_sent_is_reported() -> None:
     broken = Notebook(lambda: None)
-    refusal(ContractError, "comes out of pickle", check_live_output, broken, Path())
-    refusal(ContractError, "lacks a member", lambda: check_live_output(object(), Path()))
+    refusal(ContractError, "comes out of pickle", check_live_output, broken, [], Path())
+    refusal(ContractError, "lacks a member", lambda: check_live_output(object(), [], Path()))
 
 
 def raised(text: str) -> None:

@@ -196,7 +196,7 @@ EXAMPLES: dict[str, Example] = {
     "image": Example("002.jpg", _images, _read_images),
     "timestamps.csv": Example("timestamps.csv", _images, _read_images),
     "OpenPose JSON": Example("pose2d/cam00_json/cam_000000000002_keypoints.json", openpose_session, _read_openpose),
-    "AlphaPose JSON": Example("alphapose-results.json", WRITERS["alphapose"][0], _read_pose2d),
+    "AlphaPose JSON": Example("alphapose-results.json", WRITERS["coco of alphapose"][0], _read_pose2d),
     "COCO JSON": Example("results.json", WRITERS["coco"][0], _read_pose2d),
     "MMPose JSON": Example("cam.json", WRITERS["mmpose"][0], _read_pose2d),
     "DeepLabCut CSV": Example("camDLC.csv", WRITERS["deeplabcut"][0], _read_pose2d),

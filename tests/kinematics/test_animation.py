@@ -9,7 +9,7 @@ from built import unseen
 from checks import refusal
 from figure import BENT, sequence_of, walking
 from glb import read_glb
-from motions import read_bvh
+from motions import read_bvh, world_of
 from scipy.spatial.transform import Rotation
 
 from posefuse.core import InputError
@@ -35,7 +35,7 @@ def test_a_bvh_read_back_is_the_same_motion(sequence, tmp_path):
     write_bvh(tmp_path / "a.bvh", animated(sequence), metres_per_unit=0.01)
     back = read_bvh(tmp_path / "a.bvh")
     assert back.frame_s == pytest.approx(1 / 30, abs=1e-7)
-    _, position = back.world()
+    _, position = world_of(back)
     points = landmarks(sequence.xyz_world[:, 0], sequence.skeleton)
     expected = {
         "left_forearm": "left_elbow", "right_hand": "right_wrist", "left_foot": "left_ankle", "right_shank": "right_knee",
@@ -147,7 +147,7 @@ def animation(root=None):
 
 def skinned_vertices(skeleton, skin) -> np.ndarray:
     """(T, V, 3) metres in the axes of the file: linear blend skinning."""
-    rotation, position = skeleton.world()
+    rotation, position = world_of(skeleton)
     linear = rotation @ skin.joint_from_mesh[:, :3, :3]
     shift = (rotation @ skin.joint_from_mesh[:, :3, 3:])[..., 0] + position
     out = np.zeros((len(skeleton), *skin.vertices.shape))
@@ -186,7 +186,7 @@ def test_the_nose_of_the_mean_body_lies_below_its_ears_by_the_angle_of_the_neck_
 
 def test_flesh_is_around_the_bones(moving) -> None:
     """What moves with one segment alone lies about the line of that segment, between its ends."""
-    skin, (_, joints) = skin_of(moving), moving.world()
+    skin, (_, joints) = skin_of(moving), world_of(moving)
     vertices, index = skinned_vertices(moving, skin), {name: j for j, name in enumerate(moving.names)}
     for side in ("left", "right"):
         for upper, lower in (("upper_arm", "forearm"), ("forearm", "hand"), ("thigh", "shank"), ("shank", "foot")):
@@ -237,7 +237,7 @@ def test_the_file_moves_as_we_do(moving, tmp_path) -> None:
     mesh = content["meshes"][0]["primitives"][0]
     joint, weight, rest = (values(mesh["attributes"][name]) for name in ("JOINTS_0", "WEIGHTS_0", "POSITION"))
     inverse = np.swapaxes(values(content["skins"][0]["inverseBindMatrices"]).reshape(-1, 4, 4), 1, 2)
-    rotation, position = moving.world()
+    rotation, position = world_of(moving)
     frame = 1
     world = np.tile(np.eye(4), (len(moving.names), 1, 1))
     world[:, :3, :3], world[:, :3, 3] = rotation[frame], position[frame]

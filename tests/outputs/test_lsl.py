@@ -6,9 +6,9 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from made_up_session import RATE_HZ, made_up_messages, made_up_start
 
 from posefuse.core import LivePose
-from posefuse.evaluation.contracts import RATE_HZ, made_up_messages, made_up_start
 from posefuse.outputs.live import LslConfig
 from posefuse.outputs.live.lsl import angle_sample, chosen_person, keypoint_channels, keypoint_sample, lsl_clock_offset_ns
 

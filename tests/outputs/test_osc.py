@@ -7,9 +7,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from checks import refusal
+from made_up_session import made_up_start
 
 from posefuse.core import ConfigError, LiveNames, LivePose
-from posefuse.evaluation.contracts import made_up_start
 from posefuse.outputs.live import JsonConfig, OscConfig
 from posefuse.outputs.live.udp import AXES, UdpStream, json_from_pose, osc_bundle, osc_from_pose, osc_message
 

@@ -15,10 +15,10 @@ import numpy as np
 import pytest
 from checks import refusal
 from live_session import until
+from made_up_session import made_up_messages, made_up_rig, made_up_start
 
 from posefuse.core import InputError, LiveHealth, LiveJointCentres, LiveMessage, LiveNames, LivePose, LiveStart
 from posefuse.core.live_messages import FAILED, OK
-from posefuse.evaluation.contracts import made_up_messages, made_up_rig, made_up_start
 from posefuse.realtime import outputs as outputs_module
 from posefuse.realtime.config import LiveConfig
 from posefuse.realtime.messages import LivePlan, SessionClock

@@ -10,6 +10,7 @@ import built
 import numpy as np
 import pytest
 from checks import assert_same, refusal
+from made_up_session import made_up_messages, made_up_start
 from mcap import reader
 from mcap_ros2.decoder import DecoderFactory
 
@@ -31,7 +32,6 @@ from posefuse.core import (
 from posefuse.core.observations import LIVE_STEP, NOT_KEPT, observations_from_frames, on_time_steps
 from posefuse.core.skeleton import BLAZEPOSE33, COCO17
 from posefuse.detection import read_card
-from posefuse.evaluation.contracts import made_up_messages, made_up_start
 from posefuse.formats.joint_centres import read_joint_centres
 from posefuse.formats.recording import read_recording, write_recording
 from posefuse.pipeline.config import TrackConfig

@@ -51,3 +51,13 @@ def read_bvh(path: Path) -> BvhData:
         rotation=[one.as_matrix() for one in rotation],
         position=position,
     )
+
+
+def world_of(data: BvhData) -> tuple[np.ndarray, np.ndarray]:
+    """Rotations world_from_joint (T, J, 3, 3) and positions (T, J, 3)."""
+    rotation, position = np.stack(data.rotation, axis=1), np.stack(data.position, axis=1)
+    for j, p in enumerate(data.parent):
+        if p >= 0:
+            position[:, j] = position[:, p] + (rotation[:, p] @ data.position[j][..., None])[..., 0]
+            rotation[:, j] = rotation[:, p] @ data.rotation[j]
+    return rotation, position

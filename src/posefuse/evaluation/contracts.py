@@ -8,7 +8,6 @@ from __future__ import annotations
 import dataclasses
 import itertools
 import pickle
-import time
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
@@ -17,37 +16,20 @@ from pathlib import Path
 import numpy as np
 
 from posefuse.core import (
-    SE3,
-    Camera,
-    CameraHealth,
-    Detections2D,
     Detector,
     Frame,
     JointCentres,
-    Kind,
-    LiveDetections,
-    LiveHealth,
-    LiveJointCentres,
     LiveMessage,
-    LiveNames,
     LiveOutput,
     LiveOutputConfig,
-    LivePose,
-    LivePreview,
     LiveStart,
-    OutputHealth,
-    Pose3D,
     PosefuseError,
     Recording,
     Region,
-    Rig,
     Sink,
     Source,
 )
-from posefuse.core.skeleton import BLAZEPOSE33
 from posefuse.detection.build import broken_rule
-from posefuse.kinematics import JointTracker
-from posefuse.outputs.drawing import jpeg_of
 
 _ENOUGH_FRAMES = 20
 
@@ -106,19 +88,24 @@ def check_output(sink: Sink, recording: Recording, folder: Path) -> None:
     _require(not unnamed, f"write() names all files it made (not named: {sorted(path.name for path in unnamed)})")
 
 
-def check_live_output(config: LiveOutputConfig, folder: Path) -> None:
+def check_live_output(config: LiveOutputConfig, session: Sequence[LiveMessage], folder: Path) -> None:
     """A live output: its config can be sent to a process, it takes a whole session, closes twice, and continues in new files.
 
-    `folder` is where `config` makes it write its files, if any; a first part is never changed by a later one.
+    `session` are a few messages of the kinds that it takes, after a `LiveStart`; `folder` is where `config` makes it write its
+    files, if any: a first part is never changed by a later one.
     """
     _require(isinstance(config, LiveOutputConfig), f"{type(config).__name__} lacks a member of core.LiveOutputConfig")
     _require(_is_frozen(config), "a config is a frozen dataclass")
     _require(_sent(config) == config, "a config comes out of pickle as it went in")
     known = LiveMessage.__args__
     _require(len(config.takes) > 0 and set(config.takes) <= {*known} - {LiveStart}, "takes names classes of core.live_messages")
-    _take_part(config, 1)
+    start, *messages = session
+    if not isinstance(start, LiveStart):
+        raise ContractError(f"check_live_output: expected a session that begins with a LiveStart, got {type(start).__name__}")
+    taken = [message for message in messages if isinstance(message, config.takes)]
+    _take_part(config, [start, *taken])
     before = _contents(folder)
-    _take_part(config, 2)
+    _take_part(config, [replace(start, part=2), *taken])
     changed = sorted(path.name for path, content in before.items() if _contents(folder).get(path) != content)
     _require(not changed, f"a later part leaves the files of the first as they are (not: {changed})")
 
@@ -130,12 +117,12 @@ def _sent(config: LiveOutputConfig) -> LiveOutputConfig | None:
         return None
 
 
-def _take_part(config: LiveOutputConfig, part: int) -> None:
+def _take_part(config: LiveOutputConfig, session: Sequence[LiveMessage]) -> None:
     config.build().close()
     output = config.build()
     _require(isinstance(output, LiveOutput), f"{type(output).__name__} lacks a member of core.LiveOutput")
     _require(output.name != "" and isinstance(output.where, str), "an output has a name, and where is text")
-    for message in _of_session(config, part):
+    for message in session:
         with _bears(f"take() bears every {type(message).__name__} of a session"):
             output.take(message)
     with _bears("close() may be called twice"):
@@ -153,11 +140,6 @@ def _bears(rule: str) -> Iterator[None]:
         raise ContractError(f"contract broken: {rule} ({type(error).__name__}: {error})") from error
 
 
-def _of_session(config: LiveOutputConfig, part: int) -> Iterator[LiveMessage]:
-    yield made_up_start(part)
-    yield from (message for message in made_up_messages() if isinstance(message, config.takes))
-
-
 def _contents(folder: Path) -> dict[Path, bytes]:
     return {path: path.read_bytes() for path in sorted(folder.rglob("*")) if path.is_file()}
 
@@ -169,76 +151,3 @@ def _is_frozen(config: object) -> bool:
 def _require(holds: bool, rule: str) -> None:
     if not holds:
         raise ContractError(f"contract broken: {rule}")
-
-
-RATE_HZ = 100.0
-_BEGIN_NS = 1_700_000_000_000_000_000
-_PERIOD_NS = 10_000_000
-_PEOPLE_PER_TICK = (0, 1, 2, 2, 1, 0, 0, 2)
-_K = len(BLAZEPOSE33)
-_FIGURES = ("captured", "used", "replaced", "latency_p95_ms", "innovation_sigmas", "age_ms", "noise_scale")
-
-
-def made_up_rig() -> Rig:
-    """Two cameras side by side that look along +y."""
-    intrinsics = np.array([[600.0, 0, 319.5], [0, 600, 239.5], [0, 0, 1]])
-    looks_along_y = np.array([[1.0, 0, 0], [0, 0, -1], [0, 1, 0]])
-    poses = (SE3.from_matrix(looks_along_y, -looks_along_y @ np.array([x, -4.0, 1.0])) for x in (-1.0, 1.0))
-    cameras = [Camera(name=f"cam{i:02d}", size_wh=(640, 480), K=intrinsics, cam_from_world=pose) for i, pose in enumerate(poses)]
-    return Rig(tuple(cameras), world_set_by="made up")
-
-
-def made_up_start(part: int) -> LiveStart:
-    """The first message."""
-    offset_ns = time.time_ns() - time.monotonic_ns()
-    return LiveStart(t_ns=_BEGIN_NS, rig=made_up_rig(), rate_hz=RATE_HZ, clock_offset_ns=offset_ns, notes={"a": "b"}, part=part)
-
-
-def made_up_messages() -> Iterator[LiveMessage]:
-    """Every kind of message after the first, in an order a session may have."""
-    rig, angles = made_up_rig(), JointTracker(BLAZEPOSE33)
-    yield LiveJointCentres(t_ns=_BEGIN_NS, cameras=rig.names, table=None)
-    yield LiveNames(t_ns=_BEGIN_NS, names={7: "Ada"})
-    for tick, people in enumerate(_PEOPLE_PER_TICK):
-        pose = _pose(_BEGIN_NS + tick * _PERIOD_NS, people)
-        for camera in rig:
-            yield LiveDetections(detections=_detections(camera, pose), stages_ns={"received": pose.t_ns})
-        joints = angles.step(pose) if tick % 2 else None
-        yield LivePose(pose=pose, joints=joints, stages_ns={"output": pose.t_ns})
-        yield LivePreview(camera=rig.names[0], t_ns=pose.t_ns, jpeg=jpeg_of(np.full((6, 8, 3), 90, np.uint8)), size_wh=(8, 6))
-        yield _health(rig, pose.t_ns, faulty=tick == 2)
-
-
-def _pose(t_ns: int, people: int) -> Pose3D:
-    xyz = np.random.default_rng(0).normal(size=(people, _K, 3)) * 0.3 + [0, 0, 1.0]
-    kind = np.full((people, _K), Kind.FUSED)
-    xyz[:, 3], kind[:, 3] = np.nan, Kind.MISSING
-    cov = np.tile(np.eye(3) * 1e-4, (people, _K, 1, 1))
-    cov[:, 3] = np.nan
-    ones = np.where(kind == Kind.MISSING, np.nan, 1.0)
-    return Pose3D(
-        t_ns=t_ns,
-        skeleton=BLAZEPOSE33,
-        person_id=np.arange(people) + 7,
-        xyz_world=xyz,
-        cov_world=cov,
-        reproj_px=ones,
-        n_views=2 * (kind != Kind.MISSING),
-        kind=kind,
-    )
-
-
-def _detections(camera: Camera, pose: Pose3D) -> Detections2D:
-    xy = camera.project(pose.xyz_world)
-    score = np.where(np.isfinite(xy).all(axis=-1), 1.0, 0.0)
-    return Detections2D.of(camera.name, pose.t_ns, BLAZEPOSE33, xy, score, np.where(score > 0, 2.0, np.nan))
-
-
-def _health(rig: Rig, t_ns: int, faulty: bool) -> LiveHealth:
-    figures = dict.fromkeys(_FIGURES, 1.0)
-    cameras = {name: CameraHealth(state="ok", figures=figures) for name in rig.names}
-    output = OutputHealth(where="somewhere", taken=3)
-    if faulty:
-        cameras[rig.names[0]] = CameraHealth(state="frozen", text="the same image", figures=figures)
-        output = replace(output, state="failed", text="the disk is full", failures=1, fault="the disk is full")
-    return LiveHealth(t_ns=t_ns, cameras=cameras, outputs={"other": output})

@@ -50,15 +50,6 @@ class BvhData:
             out[j] = out[p] + self.offset[j] if p >= 0 else 0.0
         return out
 
-    def world(self) -> tuple[Array, Array]:
-        """Rotations world_from_joint (T, J, 3, 3) and positions (T, J, 3)."""
-        rotation, position = np.stack(self.rotation, axis=1), np.stack(self.position, axis=1)
-        for j, p in enumerate(self.parent):
-            if p >= 0:
-                position[:, j] = position[:, p] + (rotation[:, p] @ self.position[j][..., None])[..., 0]
-                rotation[:, j] = rotation[:, p] @ self.rotation[j]
-        return rotation, position
-
 
 def write_bvh(path: Path | str, data: BvhData, metres_per_unit: float = 1.0) -> None:
     """Write a BVH file that Blender opens: the root with position and rotation channels, other joints with rotations.

@@ -24,10 +24,8 @@ _CAMERA_RGB = (200, 205, 215)
 _WARNING_RGB = (250, 110, 90)
 _AXES_RGB = ((230, 90, 90), (100, 200, 100), (100, 140, 240))
 _CAMERA_DEPTH_M = 0.35
-_TRAIL_SHADE = 0.45
 _ELLIPSE_POINTS = 24
 _ELLIPSE_SIGMAS = 3.0
-_TRAIL_POINTS = 120
 # where the bystander may stand, how high for one metre away, and how much of the image stays empty
 _AZIMUTHS = 24
 _RISE = 0.45
@@ -35,11 +33,10 @@ _MARGIN = 0.09
 
 
 def stage_picture(recording: Recording, i: int, size_wh: tuple[int, int]) -> Array:
-    """RGB image (H, W, 3) of time step i: people with 3-sigma ellipses, their paths, cameras, the floor."""
+    """RGB image (H, W, 3) of time step i: people with 3-sigma ellipses, cameras, the floor."""
     view = bystander(recording, i, size_wh)
     picture = np.full((size_wh[1], size_wh[0], 3), EMPTY_RGB, np.uint8)
     _floor(picture, view, recording)
-    _trails(picture, view, recording)
     for camera in recording.rig:
         _frustum(picture, view, camera)
     for axis, colour in zip(np.eye(3) * 0.5, _AXES_RGB, strict=True):
@@ -93,18 +90,6 @@ def _floor(picture: Array, view: Camera, recording: Recording) -> None:
         _lines(picture, view, np.array([[x, low[1], 0], [x, high[1], 0]], float), _GROUND_RGB, 1)
     for y in range(low[1], high[1] + 1):
         _lines(picture, view, np.array([[low[0], y, 0], [high[0], y, 0]], float), _GROUND_RGB, 1)
-
-
-def _trails(picture: Array, view: Camera, recording: Recording) -> None:
-    """Each person's path: the mean of the keypoints over the recording, on the floor."""
-    xyz = recording.poses.xyz_world
-    step = max(1, len(xyz) // _TRAIL_POINTS)
-    colour = tuple(int(channel * _TRAIL_SHADE) + 40 for channel in _CAMERA_RGB)
-    for n in range(xyz.shape[1]):
-        seen = np.asarray(np.isfinite(xyz[::step, n]).all(axis=-1))
-        path = np.array([points[ok].mean(axis=0) for points, ok in zip(xyz[::step, n], seen, strict=True) if ok.any()])
-        if len(path) > 1:
-            _lines(picture, view, path * [1, 1, 0], colour, 2)
 
 
 def _frustum(picture: Array, view: Camera, camera: Camera) -> None:

@@ -43,10 +43,10 @@ def save(path: Path, content: object) -> Path:
     return path
 
 
-def openpose(folder: Path) -> Path:
+def openpose(folder: Path, ordered: Callable[[np.ndarray], np.ndarray] = np.asarray) -> Path:
     for number, people in zip(NUMBERS, PEOPLE, strict=True):
         # OpenPose writes no person's hands as empty lists, and now and then a person of none
-        listed = [{"pose_keypoints_2d": flat(p), "hand_left_keypoints_2d": []} for p in people]
+        listed = [{"pose_keypoints_2d": flat(ordered(p)), "hand_left_keypoints_2d": []} for p in people]
         save(folder / f"cam_{number:012d}_keypoints.json", {"version": 1.3, "people": [*listed, {"pose_keypoints_2d": []}]})
     return folder
 
@@ -60,17 +60,6 @@ def alphapose_list(folder: Path) -> Path:
     rows = [{"image_id": f"{n:06d}.jpg", "keypoints": flat(p), "idx": [i], **about} for n, i, p in each()]
     save(folder / "alphapose-results.json", rows)
     return folder
-
-
-def alphapose_by_image(key: str, points: str) -> Callable[[Path], Path]:
-    def write(folder: Path) -> Path:
-        images = {}
-        for number, people in zip(NUMBERS, PEOPLE, strict=True):
-            listed = [{points: flat(eighteen(person))} for person in people]
-            images[f"{number}.jpg"] = {"version": "AlphaPose v0.3", key: listed}
-        return save(folder / "alphapose-results.json", images)
-
-    return write
 
 
 def coco(folder: Path) -> Path:
@@ -127,9 +116,8 @@ def deeplabcut(folder: Path) -> Path:
 NUMBERED, BY_PLACE = {7: 7, 3: 3}, {7: 0, 3: 1}
 WRITERS: dict[str, tuple[Callable[[Path], Path], dict[int, int] | None]] = {
     "openpose": (openpose, None),
-    "alphapose": (alphapose_list, NUMBERED),
-    "alphapose open": (alphapose_by_image("people", "pose_keypoints_2d"), None),
-    "alphapose cmu": (alphapose_by_image("bodies", "joints"), None),
+    "openpose of 18 points": (lambda folder: openpose(folder, eighteen), None),
+    "coco of alphapose": (alphapose_list, NUMBERED),
     "coco": (coco, NUMBERED),
     "mmpose": (mmpose_video, NUMBERED),
     "mmpose images": (mmpose_images, NUMBERED),
@@ -171,11 +159,10 @@ def test_the_table_of_deeplabcut_is_refused_with_how_to_make_the_csv(tmp_path: P
     refusal(InputError, r"camDLC\.h5: camera cam: .*analyze_videos_converth5_to_csv", read_pose2d, path, "cam")
 
 
-def test_visibilities_of_annotations_become_scores(tmp_path: Path) -> None:
-    keypoints = [[float(k), 2.0, float(k % 3)] for k in range(17)]
-    path = save(tmp_path / "a.json", [{"image_id": 1, "category_id": 1, "keypoints": np.ravel(keypoints).tolist()}])
-    seen = read_pose2d(path, "cam").frame(1, 0)
-    assert seen.score[0, :3].tolist() == [0.0, 0.5, 1.0]
+@pytest.mark.parametrize("key", ["people", "bodies"])
+def test_the_other_forms_of_alphapose_are_refused_with_the_one_to_write(key: str, tmp_path: Path) -> None:
+    path = save(tmp_path / "alphapose-results.json", {"0.jpg": {"version": "AlphaPose v0.3", key: []}})
+    refusal(InputError, "AlphaPose without --format", read_pose2d, path, "cam")
 
 
 @pytest.mark.parametrize(

@@ -11,7 +11,7 @@ from posefuse.core import SKELETONS, InputError, Skeleton
 from posefuse.core.errors import choices
 from posefuse.foundation.parsing import short
 
-from . import alphapose, coco, deeplabcut, mmpose, openpose
+from . import coco, deeplabcut, mmpose, openpose
 from .frames import UNTRACKED, People2D, Pose2DFrames, parsed_json
 from .openpose import read_openpose_folder
 
@@ -22,8 +22,7 @@ PREDICTIONS_FOLDER = "predictions"
 """Where MMPose puts its files in the folder that it is given for them."""
 
 
-# in the order they are tried: AlphaPose's list is like COCO's, with something of its own
-FORMATS: tuple[ModuleType, ...] = (openpose, alphapose, mmpose, coco, deeplabcut)
+FORMATS: tuple[ModuleType, ...] = (openpose, mmpose, coco, deeplabcut)
 """One module per format: its NAME, what it LOOKS_FOR to recognise it, `fits` and `read`."""
 
 

@@ -1,40 +1,38 @@
-"""COCO results JSON: one list of people, each with the number of its image."""
+"""One list of people for all images, each with its image: COCO results JSON, and AlphaPose's ``alphapose-results.json``."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from posefuse.core import InputError, Skeleton
-from posefuse.core.arrays import Array
 
 from .frames import UNTRACKED, ImagePeople, Pose2DFrames, frame_number, frames_of_images, in_coco17_order, points_of, read_json
 
-# One list of people for all images: COCO results JSON, and AlphaPose's default form, which is like it.
+NAME = "coco"
+LOOKS_FOR = "a JSON list with image_id and keypoints (COCO results; AlphaPose without --format)"
+_ALPHAPOSE_FILE = "alphapose-results.json"
 
-# of COCO's annotations: 0 not labelled, 1 hidden, 2 visible; scores that half of a certain one is worth
-_ANNOTATED_SCORE = {0.0: 0.0, 1.0: 0.5, 2.0: 1.0}
 
-
-def is_results_list(content: Any) -> bool:
-    """Whether content is a list of entries with an image and keypoints."""
+def fits(path: Path) -> bool:
+    """Whether this is a JSON file with a list of entries with an image and keypoints, or AlphaPose's folder with such a file."""
+    file = _file(path)
+    content = read_json(file) if file.is_file() and file.suffix == ".json" else None
     first = content[0] if isinstance(content, list) and content else None
     return isinstance(first, dict) and "image_id" in first and "keypoints" in first
 
 
-def read_list(path: Path, camera: str, format: str, skeleton: Skeleton | None) -> Pose2DFrames:
-    """Frames of the file of a results list, by the number in each image's name or by the image's number.
+def read(path: Path, camera: str, skeleton: Skeleton | None = None) -> Pose2DFrames:
+    """Frames by the number in each image's name or by the image's number, with the ids of a tracker.
 
     Raises:
         InputError: an entry that is not of this form, or people of different keypoint sets.
     """
-    content = read_json(path)
+    file = _file(path)
+    content = read_json(file)
     people: list[ImagePeople] = []
     for i, entry in enumerate(content):
-        where = f"{path}: entry {i}"
+        where = f"{file}: entry {i}"
         try:
             image, flat = entry["image_id"], entry["keypoints"]
         except (KeyError, TypeError):
@@ -44,16 +42,11 @@ def read_list(path: Path, camera: str, format: str, skeleton: Skeleton | None) -
         number = image if isinstance(image, int) else frame_number(str(image).rpartition("/")[2], where)
         person = in_coco17_order(points_of(flat, where)), _track_id(entry.get("idx", entry.get("track_id")))
         people.append((number, where, [person]))
-    _visibility_to_score([points for *_, [(points, _)] in people])
-    return frames_of_images(path, camera, format, skeleton, people, searched=f"{len(content)} entries")
+    return frames_of_images(file, camera, NAME, skeleton, people, searched=f"{len(content)} entries")
 
 
-def _visibility_to_score(people: Sequence[Array]) -> None:
-    """Annotations have 0, 1 or 2 instead of a score; recognised by the absence of other values and at least one 2."""
-    scores = np.concatenate([[], *(person[:, 2] for person in people)])
-    if np.isin(scores, list(_ANNOTATED_SCORE)).all() and (scores == 2).any():
-        for person in people:
-            person[:, 2] = np.select([person[:, 2] == v for v in _ANNOTATED_SCORE], list(_ANNOTATED_SCORE.values()))
+def _file(path: Path) -> Path:
+    return path / _ALPHAPOSE_FILE if path.is_dir() else path
 
 
 def _track_id(value: Any) -> int:
@@ -61,17 +54,3 @@ def _track_id(value: Any) -> int:
     while isinstance(value, list) and value:
         value = value[0]
     return int(value) if isinstance(value, int | float) else UNTRACKED
-
-
-NAME = "coco"
-LOOKS_FOR = "a JSON list with image_id and keypoints"
-
-
-def fits(path: Path) -> bool:
-    """Whether this is a JSON file with a list of image_id, category_id and keypoints."""
-    return path.is_file() and path.suffix == ".json" and is_results_list(read_json(path))
-
-
-def read(path: Path, camera: str, skeleton: Skeleton | None = None) -> Pose2DFrames:
-    """Frames numbered by image_id; raises InputError for another form."""
-    return read_list(path, camera, NAME, skeleton)

@@ -5,7 +5,6 @@ from __future__ import annotations
 import itertools
 from collections.abc import Iterable, Sequence
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -107,18 +106,13 @@ def _hip_offsets(paths: Sequence[Path]) -> list[float]:
 
 
 def _read(path: Path) -> list[Array]:
-    """Keypoints (K, 3) x, y, score of each person in a file who has any."""
-    return keypoints_of_people(read_json(path), str(path))
-
-
-def keypoints_of_people(content: Any, where: str) -> list[Array]:
-    """Keypoints (K, 3) of each person in OpenPose's form of one frame; raises InputError for another form."""
+    """Keypoints (K, 3) x, y, score of each person in a file who has any; raises InputError for another form."""
     try:
-        lists = [person["pose_keypoints_2d"] for person in content["people"]]
+        lists = [person["pose_keypoints_2d"] for person in read_json(path)["people"]]
         return [np.array(points, np.float64).reshape(-1, 3) for points in lists if len(points)]
     except (KeyError, TypeError, ValueError, OverflowError) as error:
         raise InputError(
-            f"{where}: not OpenPose JSON: expected people[].pose_keypoints_2d of x, y, score triples ({short(error)})"
+            f"{path}: not OpenPose JSON: expected people[].pose_keypoints_2d of x, y, score triples ({short(error)})"
         ) from None
 
 
