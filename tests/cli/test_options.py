@@ -15,7 +15,7 @@ import pytest
 from posefuse.api.live_run import output_configs
 from posefuse.api.outcome import network_shown
 from posefuse.api.track import session_config, study_settings
-from posefuse.cli.command_line import COMMANDS, GROUPS, STEPS, Invocation, WrongCommandLineError, application, parse
+from posefuse.cli.command_line import COMMANDS, GROUPS, STEPS, USUAL, Invocation, WrongCommandLineError, application, parse
 from posefuse.cli.main import main
 from posefuse.core import ConfigError
 from posefuse.detection.build import DetectorChoice
@@ -143,13 +143,20 @@ def test_help_fits_80_columns_and_describes_every_option_that_is_shown(place: st
 
 
 @pytest.mark.parametrize("place", PLACES)
-def test_the_help_has_every_option(place: str, capsys, monkeypatch) -> None:
+def test_the_help_has_the_usual_options_and_help_all_every_one(place: str, capsys, monkeypatch) -> None:
     monkeypatch.setenv("COLUMNS", "200")
-    options = [one.names for one in arguments(place) if one.name[0] == "-"]
-    assert main([*place.split(), "--help"]) == 0
-    # an option begins its line; texts may name others
-    in_help = {*re.findall(r"^│ (?:\* +| +)?(--[a-z0-9-]+)", capsys.readouterr().out, re.MULTILINE)}
-    assert [names for names in options if not {*names} & in_help] == []
+    options, usual = [one.names for one in arguments(place) if one.name[0] == "-"], {*USUAL[place].split()}
+    assert usual <= {name for names in options for name in names}
+    for asked, expected in (("--help", [names for names in options if {*names} & usual]), ("--help-all", options)):
+        assert main([*place.split(), asked]) == 0
+        # an option begins its line; texts may name others
+        in_help = {*re.findall(r"^│ (?:\* +| +)?(--[a-z0-9-]+)", capsys.readouterr().out, re.MULTILINE)}
+        assert [names for names in options if bool({*names} & in_help) != (names in expected)] == []
+
+
+def test_few_options_are_shown() -> None:
+    assert {*USUAL} == {*PLACES}
+    assert sum(len(names.split()) for names in USUAL.values()) <= 130
 
 
 @pytest.mark.parametrize("words", [(), ("calibrate",)])

@@ -8,9 +8,9 @@ from posefuse.cli.command_line import COMMANDS, STEPS, application
 
 _ABOUT = """# Commands
 
-This page is generated from the code; `posefuse COMMAND --help` shows the same. Options of settings take what the key of the same
-meaning takes in a settings file. Every command also takes `--json`: it prints the figures of its tables as one JSON object on
-stdout, and everything else on stderr.
+This page is generated from the code and has every option; `posefuse COMMAND --help` shows the usual ones. `posefuse COMMAND
+--help-all` lists every one, too. Options of settings take what the key of the same meaning takes in a settings file. Every
+command also takes `--json`: it prints the figures of its tables as one JSON object on stdout, and everything else on stderr.
 
 | exit code | meaning |
 |---|---|

@@ -21,6 +21,7 @@ from cyclopts import (
     UnusedCliTokensError,
     ValidationError,
 )
+from cyclopts.help import DefaultFormatter
 
 from posefuse import __version__
 
@@ -83,7 +84,8 @@ def parse(tokens: Sequence[str]) -> Invocation | None:
         WrongCommandLineError: an unknown command or option, a value that is missing or wrong.
     """
     typed = [token for token in tokens if not token.startswith("-")]
-    app = application(listed=not typed or (len(typed) == 1 and typed[0] in STEPS))
+    all_options = "--help-all" in tokens
+    app = application(listed=not typed or (len(typed) == 1 and typed[0] in STEPS), all_options=all_options)
     words: tuple[str, ...] = ()
     try:
         outer, bound, _ = app.meta.parse_args(list(tokens), exit_on_error=False, print_error=False)
@@ -92,6 +94,9 @@ def parse(tokens: Sequence[str]) -> Invocation | None:
             return None
         rest, as_json = list(bound.args), bool(bound.arguments.get("json", False))
         words = tuple(app.parse_commands(rest)[0])
+        if all_options:
+            app.help_print(list(words))
+            return None
         command, inner, _ = app.parse_args(rest, exit_on_error=False, print_error=False)
     except CycloptsError as error:
         words = words or tuple(word for word in error.command_chain or () if not word.startswith("-"))
@@ -107,12 +112,17 @@ def _common(
     json: Annotated[
         bool, Parameter(group=_OPTIONS, help="Print the figures as one JSON object on stdout, all else on stderr.")
     ] = False,
+    help_all: Annotated[bool, Parameter(group=_OPTIONS, help="Display this message with every option and exit.")] = False,
 ) -> None:
     """Options that every command takes, at any position."""
 
 
-def application(*, listed: bool = False) -> App:
-    """All commands, each imported when it is looked up; `listed`: with a line of help each, found without importing it."""
+def application(*, listed: bool = False, all_options: bool = False) -> App:
+    """All commands; each is imported when it is looked up.
+
+    Args:
+        listed: with a line of help each, found without importing it. all_options: their help lists those that are not usual, too.
+    """
     app = App(
         name="posefuse",
         help="Several ordinary cameras + AI -> one accurate 3D human skeleton.",
@@ -129,9 +139,11 @@ def application(*, listed: bool = False) -> App:
             if name in STEPS:
                 steps = app.command(_with_steps(name, group, position))
                 for step_order, step in enumerate(STEPS[name]):
-                    _add(steps, module, f"{name}_{step}", listed, name=step, sort_key=step_order)
+                    shown = {} if all_options else {"help_formatter": UsualOnly(f"{name} {step}")}
+                    _add(steps, module, f"{name}_{step}", listed, name=step, sort_key=step_order, **shown)
             else:
-                _add(app, module, name.replace("-", "_"), listed, name=name, group=group, sort_key=position)
+                shown = {} if all_options else {"help_formatter": UsualOnly(name)}
+                _add(app, module, name.replace("-", "_"), listed, name=name, group=group, sort_key=position, **shown)
     return app
 
 
@@ -211,3 +223,57 @@ def _missing(error: MissingArgumentError) -> str:
         return f"{error.keyword or error.argument.name}: expected {'a value' if count == 1 else f'{count} values'}"
     _, _, hint = str(error).partition("Did you mean ")
     return f"missing {error.argument.name}" + (f"; did you mean {hint.rstrip('.')}" if hint else "")
+
+
+if TYPE_CHECKING:
+    from cyclopts.help import HelpPanel
+
+_WRITES = "--out --report --force"
+USUAL = {
+    "demo": "--out --force",
+    "doctor": "",
+    "studio": "--host --open",
+    "record": "--source --out --rig --duration --resume",
+    "calibrate intrinsics": f"--target {_WRITES}",
+    "calibrate extrinsics": f"--target --intrinsics --floor-marker --floor-points --clocks {_WRITES}",
+    "calibrate guide": "--target --source --intrinsics --record",
+    "calibrate person": f"--intrinsics --height-m --apart --clocks {_WRITES}",
+    "calibrate clocks": "--rig --clocks --report --force",
+    "calibrate verify": "--rig --target --report --force",
+    "calibrate print": "--target --columns --rows --square-mm --marker-mm --ids --cube --page --out --force",
+    "track": "--out --force --resume --rig --people --names --start --end --outputs --networks --device --set",
+    "solve": "--out --force --exclude --keep-person --start --end --outputs --set",
+    "batch": "--out --force --jobs --outputs --networks --set",
+    "live": "--source --duration --record --videos --ros --osc --json-udp --output --view --people --networks --set",
+    "teleoperate": "--source --duration --hand --deadman --robot --robot-at --elsewhere --box --speed "
+    "--limits --view --record --ros --command",
+    "node camera": "--source --name --domain --peer",
+    "node fusion": "--domain --peer",
+    "report": "--out --fit --opensim-model",
+    "export": "--out --outputs --session",
+    "compare": "--out --no-time --no-space",
+    "simulate": "--out --plan --gazebo --force",
+    "models": "--check --accept-licence",
+    "fit-noise": "--scenes-in",
+    "plugins": "",
+}
+"""Names of the options by command, parted by spaces; `tests/cli/test_options.py` limits their number."""
+
+
+class UsualOnly(DefaultFormatter):
+    """Shows the panels of a command without the options that are not usual."""
+
+    def __init__(self, command: str) -> None:
+        super().__init__()
+        self._usual = set(USUAL[command].split())
+
+    def __call__(self, console: Any, options: Any, panel: HelpPanel) -> None:
+        """Show one panel; one of which nothing is left is not shown."""
+        if panel.format == "parameter" and panel.title != "Options":
+            panel = panel.copy(entries=[one for one in panel.entries if self._is_usual(one.names)])
+        if panel.entries:
+            super().__call__(console, options, panel)
+
+    def _is_usual(self, names: tuple[str, ...]) -> bool:
+        spelled = {name for name in names if name.startswith("--")}
+        return not spelled or bool(spelled & self._usual)
