@@ -12,11 +12,10 @@ from checks import refusal
 from posefuse.api.calibrate import calibrate_extrinsics, calibrate_person, verify
 from posefuse.api.calibration_results import ClockCalibration, RigCalibration, clock_blocks
 from posefuse.api.rig_and_detector import rig_of
-from posefuse.api.targets import floor_of, print_target
+from posefuse.api.targets import print_target
 from posefuse.calibration.clocks.sync import ClockEstimate
 from posefuse.calibration.extrinsics import target as moving_target
 from posefuse.calibration.extrinsics.own_intrinsics import starting_cameras
-from posefuse.calibration.extrinsics.world import FloorMarker
 from posefuse.calibration.report import CalibrationReport, Check, RefusedCalibration
 from posefuse.calibration.targets.kinds import Charuco, Markers, in_a_plane
 from posefuse.calibration.targets.recordings import paths_by_camera
@@ -70,10 +69,9 @@ def test_what_is_wrong_is_reported_before_any_work(lab: Any, tmp_path: Path) -> 
     extrinsics = partial(calibrate_extrinsics, ["none.mp4"], intrinsics=lab.rig)
     person = partial(calibrate_person, dict.fromkeys(lab.rig.names[:2], tmp_path), intrinsics=lab.rig, height_m=1.8)
     no_camera = "upside_down=cam1`: no such camera; there are: "
-    refusal(InputError, "needs a target of markers", extrinsics, target=BOARD, floor=FloorMarker(7))
+    refusal(InputError, "needs a target of markers", extrinsics, target=BOARD, floor_marker=7)
     refusal(InputError, f"{no_camera}none", extrinsics, target=Markers(0.1), upside_down=["cam1"])
     refusal(InputError, f"{no_camera}cam00, cam01", person, upside_down=["cam1"])
-    refusal(InputError, "floor_side_mm=MM`: of which marker", floor_of, Markers(0.1), side_mm=650.0)
     refusal(InputError, r"none\.mp4: no such video", extrinsics, target=Markers(0.1))
     refusal(InputError, "do not state their frame rate", person)
 
@@ -139,13 +137,15 @@ def test_a_rig_file_is_verified_with_the_clocks_next_to_it(lab: Any, tmp_path: P
 
 
 def test_a_camera_that_sees_the_marker_on_the_floor_alone_is_named(lab: Any, tmp_path: Path) -> None:
-    seen, floor = lab.watch(motion=replace(lab.motion, seconds=4.0)), FloorMarker(43)
+    seen, floor = lab.watch(motion=replace(lab.motion, seconds=4.0)), 43
     with KeptVideo(tmp_path / "cam00.mp4") as video:
         for i in range(3):
             video.write(Pixels(np.full((480, 640, 3), 128, np.uint8)), i * 50_000_000)
-    patch, recordings = np.where(seen.camera == 0, floor.id, seen.patch), (("cam00", tmp_path / "cam00.mp4"),)
+    patch, recordings = np.where(seen.camera == 0, floor, seen.patch), (("cam00", tmp_path / "cam00.mp4"),)
     alone, given = replace(seen, patch=patch, recordings=recordings), {"intrinsics": lab.rig, "target": lab.target}
-    refusal(CalibrationError, "camera cam00: target seen: .* in none of", calibrate_extrinsics, alone, **given, floor=floor)
+    refusal(
+        CalibrationError, "camera cam00: target seen: .* in none of", calibrate_extrinsics, alone, **given, floor_marker=floor
+    )
 
 
 def test_clock_offsets_are_saved_as_settings_and_shown_in_ms(lab: Any, tmp_path: Path) -> None:

@@ -18,7 +18,7 @@ from posefuse.api import calibrate
 from posefuse.api.calibrate import target_of
 from posefuse.api.calibration_results import ClockCalibration, RigCalibration, save_clocks, saved_clocks
 from posefuse.calibration.clocks.sync import ClockEstimate
-from posefuse.calibration.extrinsics.world import FloorMarker, read_floor_points, with_floor
+from posefuse.calibration.extrinsics.world import with_floor
 from posefuse.calibration.report import CalibrationReport, Check, RefusedCalibration
 from posefuse.calibration.targets.detection import TargetDetector
 from posefuse.calibration.targets.kinds import Charuco, Chessboard, Markers, Target, read_target, write_target
@@ -60,23 +60,7 @@ def test_a_wrong_target_file_is_named_as_such(step: str, tmp_path: Path, capsys:
     assert "not as described" in (tmp_path / "a.html").read_text()
 
 
-def test_three_marked_points_are_read_and_a_wrong_key_is_named(tmp_path: Path) -> None:
-    path = tmp_path / "floor.toml"
-    marked = "[cameras.a]\norigin = [10, 20]\nx = [30.5, 20]\ny = [12, 5]\n[cameras.b]\nx = [7, 8]\n"
-    marked += "[cameras.c]\norigin = [3, 4]\ny = [5, 6]\n"
-    path.write_text(f"origin_to_x_m = 1.5\n{marked}")
-    rule = read_floor_points(path)
-    assert rule.origin_to_x_m == 1.5
-    np.testing.assert_array_equal(rule.xy_img["a"], [[10, 20], [30.5, 20], [12, 5]])
-    assert np.isnan(rule.xy_img["b"]).tolist() == [[True, True], [False, False], [True, True]]
-    path.write_text(marked.replace("y = [5, 6]", ""))
-    refusal(ConfigError, r"floor\.toml: y: expected to be marked in 2 cameras or more, got 1", read_floor_points, path)
-    path.write_text("[cameras.a]\norigo = [10, 20]\n")
-    refusal(ConfigError, r"floor\.toml.*origo", read_floor_points, path)
-
-
 PERSON = "person --intrinsics lenses.toml --out rig.toml"
-EXTRINSICS = "extrinsics --target cube.toml --intrinsics lenses.toml --out rig.toml cam00=none.mp4"
 
 
 @pytest.mark.parametrize(
@@ -105,8 +89,6 @@ EXTRINSICS = "extrinsics --target cube.toml --intrinsics lenses.toml --out rig.t
         ("extrinsics --target chess.toml --out rig.toml cam00.mp4", CalibrationError, "looks the same from both ends"),
         ("verify --target chess.toml --rig lenses.toml cam00.mp4", CalibrationError, "looks the same from both ends"),
         ("guide --target chess.toml --source cam00=video:cam00.mp4", CalibrationError, "looks the same from both ends"),
-        (f"{EXTRINSICS} --floor-points none.toml", ConfigError, r"none\.toml: no such file"),
-        (f"{EXTRINSICS} --floor-points a.toml --floor-marker 7", InputError, "one of the two sets the world"),
     ],
 )
 def test_what_is_wrong_with_a_command_is_reported_before_any_work(
@@ -343,15 +325,15 @@ def test_a_floor_marker_is_looked_for_with_the_ids_of_a_target(monkeypatch: pyte
     monkeypatch.setattr(calibrate, "open_sources", lambda inputs: [])
     target = Markers(0.12, ids=(3, 4, 7))
     with pytest.raises(KeyboardInterrupt):
-        calibrate.calibrate_extrinsics([], target=target, floor=FloorMarker(40))
+        calibrate.calibrate_extrinsics([], target=target, floor_marker=40)
     with pytest.raises(KeyboardInterrupt):
         described = str(write_target(tmp_path / "cube.toml", target))
         run("extrinsics", "--target", described, "--floor-marker", "40", "--out", str(tmp_path / "rig.toml"), "a.mp4")
     assert [one.ids for one in looked_for if isinstance(one, Markers)] == [(3, 4, 7, 40)] * 2
     page = marker_page(40)[..., 0]
-    assert set(TargetDetector(with_floor(target, FloorMarker(40))).detect(page).patch) == {40}
+    assert set(TargetDetector(with_floor(target, 40)).detect(page).patch) == {40}
     words = "markers 0 to 49, this target needs 60"
-    refusal(ConfigError, words, calibrate.calibrate_extrinsics, [], target=Markers(0.12), floor=FloorMarker(60))
+    refusal(ConfigError, words, calibrate.calibrate_extrinsics, [], target=Markers(0.12), floor_marker=60)
 
 
 def test_verification_reads_the_clocks_that_a_calibration_wrote(lab: Any, tmp_path: Path) -> None:

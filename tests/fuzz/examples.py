@@ -13,7 +13,6 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from posefuse.calibration.extrinsics.world import read_floor_points
 from posefuse.core.skeleton import BODY_25
 from posefuse.detection.card import read_card
 from posefuse.detection.download import member_of
@@ -128,12 +127,6 @@ def _npm(folder: Path) -> None:
         package.add(folder / "network", "package/pose_landmark_heavy.tflite")
 
 
-def _floor(folder: Path) -> None:
-    text = "origin_to_x_m = 1.5\n[cameras.cam01]\norigin = [812, 640]\nx = [1033, 655]\ny = [790, 501]\n"
-    text += "[cameras.cam02]\norigin = [402, 610]\nx = [377, 655]\ny = [640, 571]\n"
-    (folder / "a.toml").write_text(text)
-
-
 def _mcap(folder: Path) -> None:
     from posefuse_ros.mcap_output import McapSink
 
@@ -184,7 +177,6 @@ EXAMPLES: dict[str, Example] = {
     "rig Qualisys": _copied(GOLDEN / "rig.qca.txt", read_rig),
     "scene YAML": _copied(DEMO / "scene.yaml", read_scene),
     "posefuse.toml": Example("posefuse.toml", openpose_session, read_config),
-    "floor points TOML": Example("a.toml", _floor, read_floor_points),
     "model card TOML": _copied(ROOT / "src" / "posefuse" / "detection" / "cards" / "blazepose_full.toml", read_card),
     "TRC": Example("a.trc", _trc, read_trc),
     "C3D": Example("a.c3d", _c3d, read_c3d),

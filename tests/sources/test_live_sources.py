@@ -131,11 +131,12 @@ def test_a_device_that_may_not_be_read_is_one_line(tmp_path, request, hidden: bo
     let_others_in(tmp_path)
     if hidden:
         tmp_path.chmod(0o700)
-    # asked before: another user may not import what it takes to find out
-    group = device.group()
     request.getfixturevalue("ordinary_user")
-    words = "camera cam: no permission" if hidden else rf"{device}: camera cam: no permission .* \({group}\)"
-    refusal(SourceError, words, lambda: StreamConfig(where=str(device), camera="cam").build())
+    refusal(
+        SourceError,
+        rf"{device}: camera cam: no permission .* group",
+        lambda: StreamConfig(where=str(device), camera="cam").build(),
+    )
 
 
 def test_a_file_that_is_no_camera_and_a_camera_that_another_program_uses_are_one_line(tmp_path, monkeypatch) -> None:

@@ -41,8 +41,8 @@ class World:
         live, motion = LiveSettings(**settings), LiveMotion(**of_motion)
         people = AssociateSettings(max_people=live.max_people)
 
-        def solve(together: Sequence[Detections2D], previous: Pose3D | None) -> Pose3D:
-            return fuse(associate(together, self.rig, people, previous), self.rig, FuseSettings(), previous)
+        def solve(together: Sequence[Detections2D]) -> Pose3D:
+            return fuse(associate(together, self.rig, people), self.rig, FuseSettings())
 
         return Tracker(Model(self.rig, COCO17, live, motion), solve, self.fuse, self.whitened)
 

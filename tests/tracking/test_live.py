@@ -83,9 +83,9 @@ def test_a_view_of_a_followed_person_costs_one_step_of_the_kernels_and_no_associ
     scene = world(cameras)
     steps, solved, checked = [], [], []
 
-    def solve(together, previous):
+    def solve(together):
         solved.append(together)
-        return fuse(associate(together, scene.rig, AssociateSettings(), previous), scene.rig, FuseSettings(), previous)
+        return fuse(associate(together, scene.rig, AssociateSettings()), scene.rig, FuseSettings())
 
     def fuse_again(views):
         checked.append(views)

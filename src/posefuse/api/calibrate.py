@@ -17,8 +17,6 @@ from posefuse.calibration.extrinsics import target as moving_target
 from posefuse.calibration.extrinsics.own_intrinsics import cameras_of, start_sigma
 from posefuse.calibration.extrinsics.pipeline import Options
 from posefuse.calibration.extrinsics.world import (
-    FloorMarker,
-    ThreePoints,
     check_floor,
     lens_sigma,
     moved_target,
@@ -151,7 +149,7 @@ def calibrate_extrinsics(
     target: TargetLike,
     every: int = 1,
     clocks: ClockMode = "auto",
-    floor: FloorMarker | ThreePoints | None = None,
+    floor_marker: int | None = None,
     focal_known_to_percent: float | None = None,
     upside_down: Sequence[str] = (),
     any_size: bool = False,
@@ -168,7 +166,8 @@ def calibrate_extrinsics(
         progress: True for bars on stderr, or a function (see `Progress`).
         clocks: ``together``: the cameras are synchronised; ``offset`` or ``drift``: estimate each camera's clock; ``auto``:
             when they turn out not to be synchronised.
-        floor: what sets the world coordinates; None: up is estimated from the cameras.
+        floor_marker: id of a marker that lies on the floor, face up, in the same recordings, of the dictionary and size of the
+            target's: it sets the world coordinates. None: up is estimated from the cameras.
         focal_known_to_percent: refine the intrinsics too; this is how well the focal lengths are known. None keeps them.
         upside_down: cameras that are mounted upside down.
         any_size: also accept a rig that is far smaller or larger than a room.
@@ -189,15 +188,15 @@ def calibrate_extrinsics(
     if lenses is None and focal_known_to_percent is not None:
         raise InputError("`focal_known_to_percent=P`: needs `intrinsics=FILE` to refine; without them, all are estimated")
     check_one_end(kind)
-    check_floor(floor, kind)
+    check_floor(floor_marker, kind)
     _check_names(upside_down, inputs.cameras if isinstance(inputs, CornerObservations) else paths_by_camera(inputs))
     seen = inputs
     if not isinstance(seen, CornerObservations):
         with shown(progress) as report:
-            seen = _observed(seen, lenses, with_floor(kind, floor), every, report)
-    observations, world = world_rule(floor, seen, kind)
+            seen = _observed(seen, lenses, with_floor(kind, floor_marker), every, report)
+    observations, world = world_rule(floor_marker, seen, kind)
     sources = open_sources(dict(seen.recordings))
-    require_target_seen(observations, sources, moved_target(kind, floor))
+    require_target_seen(observations, sources, moved_target(kind, floor_marker))
     options = Options(clocks=clocks, any_size=any_size, own_intrinsics=lenses is None)
     rescaled: tuple[str, ...] = ()
     if lenses is None:

@@ -1,4 +1,4 @@
-"""Targets: printed at their true size, and what of one lies on the floor."""
+"""Targets, printed at their true size."""
 
 from __future__ import annotations
 
@@ -8,7 +8,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
 
-from posefuse.calibration.extrinsics.world import FloorMarker, ThreePoints, check_floor, read_floor_points
 from posefuse.calibration.settings import TargetDescription
 from posefuse.calibration.targets.kinds import Chessboard, Markers, Target, described_target, write_target
 from posefuse.calibration.targets.printing import CUBE_IDS, board_sheet, marker_sheets, write_pdf
@@ -62,7 +61,7 @@ def print_target(
         ids = kind.ids or (CUBE_IDS if cube else (0,))
         if cube and len(ids) != len(CUBE_IDS):
             raise InputError(f"`ids=A,B,...`: a cube has {len(CUBE_IDS)} markers, got {len(ids)}")
-        # the file names them: a marker of the floor, of another size perhaps, is not part of the target
+        # the file names them: a marker of the floor is not part of the target
         kind, sheets = dataclasses.replace(kind, ids=tuple(ids)), marker_sheets(kind, ids, page)
     else:
         sheets = [board_sheet(kind, page)]
@@ -82,28 +81,3 @@ def _described(settings: Mapping[str, Any]) -> Target:
         return InputError(f"target {described.kind}: missing {lacking}")
 
     return described_target(described, missing)
-
-
-def floor_of(
-    target: Target, *, marker: int | None = None, side_mm: float | None = None, points: str | Path | None = None
-) -> FloorMarker | ThreePoints | None:
-    """What of the floor sets the world coordinates, for `calibrate_extrinsics`; None: up is estimated from the cameras.
-
-    Args:
-        marker: id of one that lies there, of the target's kind. side_mm: its edge, where that differs from the target's.
-        points: or a file with pixels per camera of three points of the floor.
-
-    Raises:
-        InputError: both, or a marker that the target has itself.
-    """
-    if marker is not None and points is not None:
-        raise InputError("`floor_points=FILE`, `floor_marker=ID`: one of the two sets the world")
-    if side_mm is not None and marker is None:
-        raise InputError("`floor_side_mm=MM`: of which marker? add `floor_marker=ID`")
-    if points is not None:
-        return read_floor_points(Path(points))
-    if marker is None:
-        return None
-    found = FloorMarker(marker, None if side_mm is None else side_mm / 1e3)
-    check_floor(found, target)
-    return found

@@ -42,7 +42,7 @@ _TARGET_SETTINGS = {
     "ids": "ids A,B,...", "dictionary": "dictionary NAME", "inverted": "inverted", "legacy": "legacy",
 }  # fmt: skip
 # ten times the fastest camera of a laboratory
-_MOST_HZ, _MOST_HEIGHT_M, _MOST_MM = 10_000.0, 3.0, 10_000.0
+_MOST_HZ, _MOST_HEIGHT_M = 10_000.0, 3.0
 # options of `calibrate clocks` without which `track` does not read the same session
 _ALSO_OF_TRACK = ("rig", "input", "rate_hz", "networks", "device")
 ClockMode = Literal["auto", "together", "offset", "drift"]
@@ -116,8 +116,6 @@ class ExtrinsicsOptions(IntrinsicsOptions):
     Attributes:
         intrinsics: Rig file with the intrinsics; without it, they are found from the same recording, if it determines them.
         floor_marker: Marker that lies on the floor in the same recordings; without it, up is estimated from the cameras.
-        floor_side_mm: Edge of that marker, where it differs from the target's.
-        floor_points: Or: pixels per camera of three points of the floor: origin, one along x, one towards y.
         focal_known_to_percent: Refine the intrinsics too; how well their focal lengths are known, in percent, e.g. 0.5.
         any_size: Accept a rig far smaller or larger than a room.
         keep_refused: Write a refused result too, marked as refused; `posefuse track` then warns each time.
@@ -125,8 +123,6 @@ class ExtrinsicsOptions(IntrinsicsOptions):
 
     intrinsics: OptionalFile = None
     floor_marker: Annotated[int | None, Parameter(metavar="ID")] = None
-    floor_side_mm: Annotated[float | None, Parameter(metavar="MM"), positive(_MOST_MM)] = None
-    floor_points: Annotated[Path | None, Parameter(metavar="FILE.toml")] = None
     clocks: Clocks = "auto"
     focal_known_to_percent: Annotated[float | None, Parameter(metavar="PERCENT"), positive(100)] = None
     any_size: bool = False
@@ -304,7 +300,7 @@ def check_files(options: Any, inputs: Sequence[str] = ()) -> None:
     from posefuse.calibration.targets.recordings import paths_by_camera
     from posefuse.foundation.output_file import check_output_file
 
-    named = [getattr(options, name, None) for name in ("target", "intrinsics", "rig", "floor_points")]
+    named = [getattr(options, name, None) for name in ("target", "intrinsics", "rig")]
     read = [*paths_by_camera(inputs).values(), *(path for path in named if path is not None)]
     for name in ("out", "report"):
         if (path := getattr(options, name, None)) is not None:
@@ -367,15 +363,9 @@ def calibrate_extrinsics(*inputs: CameraRecordings, options: ExtrinsicsOptions, 
     Args:
         inputs: Video or folder of images per camera; NAME defaults to the file's name.
     """
-    from posefuse.api.calibrate import target_of
-    from posefuse.api.targets import floor_of
-
     check_files(options, inputs)
-    kind = target_of(options.target)
     with reported(options.report), terminal.stages() as progress:
-        floor = floor_of(kind, marker=options.floor_marker, side_mm=options.floor_side_mm, points=options.floor_points)
-        given = arguments_of(pf.calibrate_extrinsics, options)
-        found = pf.calibrate_extrinsics(inputs, **given, floor=floor, progress=progress)
+        found = pf.calibrate_extrinsics(inputs, **arguments_of(pf.calibrate_extrinsics, options), progress=progress)
     if found.report.failed:
         failed = ", ".join(check.name for check in found.report.failed)
         terminal.warn(f"refused ({failed}); kept all the same (--keep-refused), and marked as refused in the file")

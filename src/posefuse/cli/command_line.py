@@ -235,7 +235,7 @@ USUAL = {
     "studio": "--host --open",
     "record": "--source --out --rig --duration --resume",
     "calibrate intrinsics": f"--target {_WRITES}",
-    "calibrate extrinsics": f"--target --intrinsics --floor-marker --floor-points --clocks {_WRITES}",
+    "calibrate extrinsics": f"--target --intrinsics --floor-marker --clocks {_WRITES}",
     "calibrate guide": "--target --source --intrinsics --record",
     "calibrate person": f"--intrinsics --height-m --apart --clocks {_WRITES}",
     "calibrate clocks": "--rig --clocks --report --force",

@@ -1,6 +1,6 @@
 """Where networks are published and how they come here: wheels by pip, npm packages by npm, and files from web addresses.
 
-A download from web addresses is tried again where it breaks off, and goes to the next address where one is dead.
+A download from web addresses goes to the next address where one is dead or breaks off.
 """
 
 from __future__ import annotations
@@ -10,9 +10,8 @@ import shutil
 import subprocess
 import sys
 import tarfile
-import time
 import zipfile
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from contextlib import ExitStack
 from http.client import HTTPException
 from pathlib import Path, PurePosixPath
@@ -180,53 +179,41 @@ def _last_line(done: subprocess.CompletedProcess[str]) -> str:
 
 
 _TIMEOUT_S = 30.0
-# of one address, with a pause that doubles
-_ATTEMPTS, _PAUSE_S = 4, 1.0
-_SERVER_ERROR = 500
 
 
-def downloaded(urls: Sequence[str], target: Path, sha256: str, pause: Callable[[float], None] = time.sleep) -> Path:
+def downloaded(urls: Sequence[str], target: Path, sha256: str) -> Path:
     """The file at the first address that gives it whole.
 
     A proxy is taken from the environment (``HTTPS_PROXY``).
 
     Args:
         urls: addresses of the same file, best first. target: where it goes; its folder exists.
-        sha256: of the file; "" where no source states it. pause: for tests.
+        sha256: of the file; "" where no source states it.
 
     Raises:
         ModelError: no address gives it, each with its reason; or there is no room for it.
     """
     reasons: list[str] = []
     for url in urls:
-        reason = _received(url, target, sha256, pause)
+        reason = _received(url, target, sha256)
         if not reason:
             return target
         reasons.append(f"{url}: {reason}")
-    raise ModelError(f"{target.name}: cannot be downloaded ({'; '.join(reasons)}); {_ELSEWHERE}")
+    raise ModelError(f"{target.name}: cannot be downloaded ({'; '.join(reasons)}); try again; {_ELSEWHERE}")
 
 
-def _received(url: str, target: Path, sha256: str, pause: Callable[[float], None]) -> str:
+def _received(url: str, target: Path, sha256: str) -> str:
     """Receive the file from one address; empty when it is whole, else why it is not."""
-    reason = ""
-    for attempt in range(_ATTEMPTS):
-        if attempt:
-            pause(_PAUSE_S * 2 ** (attempt - 1))
-        try:
-            _receive(url, target)
-        except HTTPError as error:
-            reason = f"HTTP {error.code} {error.reason}"
-            if error.code < _SERVER_ERROR:
-                # does not get better by asking again
-                return reason
-        except (URLError, ConnectionError, TimeoutError, HTTPException) as error:
-            reason = one_line(getattr(error, "reason", error))
-        except OSError as error:
-            raise ModelError(f"{target}: cannot be written ({error.strerror})") from None
-        else:
-            got = file_sha256(target)
-            return "" if sha256 in ("", got) else f"expected sha256 {sha256}, got {got}"
-    return reason
+    try:
+        _receive(url, target)
+    except HTTPError as error:
+        return f"HTTP {error.code} {error.reason}"
+    except (URLError, ConnectionError, TimeoutError, HTTPException) as error:
+        return one_line(getattr(error, "reason", error))
+    except OSError as error:
+        raise ModelError(f"{target}: cannot be written ({error.strerror})") from None
+    got = file_sha256(target)
+    return "" if sha256 in ("", got) else f"expected sha256 {sha256}, got {got}"
 
 
 def _receive(url: str, target: Path) -> None:

@@ -363,8 +363,8 @@ def _new(rig: Rig, skeleton: Skeleton, config: LiveConfig, motion: LiveMotion, r
     associating = replace(config.associate, max_people=config.track.max_people)
     alone = {camera.name: Rig((camera,)) for camera in rig}
 
-    def solve(views: Sequence[Detections2D], previous: Pose3D | None) -> Pose3D:
-        return fuse(associate(views, rig, associating, previous), rig, config.fuse, previous)
+    def solve(views: Sequence[Detections2D]) -> Pose3D:
+        return fuse(associate(views, rig, associating), rig, config.fuse)
 
     def whitened(view: Detections2D) -> tuple[Array, Array, Array]:
         return whitened_view(view, alone[view.camera], config.fuse)

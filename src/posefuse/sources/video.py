@@ -299,7 +299,6 @@ class PacedVideoConfig:
 
     Attributes:
         path: the file. camera: name of the camera in the rig.
-        offset_s: added to the file's times; positive when this file began later than the others.
         zero_ns: monotonic time at which the file shows its time 0, so that several cameras agree; None is when the first
             frame is asked for.
         keep_encoded: give every frame in the file's own encoding too.
@@ -307,7 +306,6 @@ class PacedVideoConfig:
 
     path: Path
     camera: str
-    offset_s: float = 0.0
     zero_ns: int | None = None
     keep_encoded: bool = False
 
@@ -323,7 +321,7 @@ class PacedVideoSource:
         self._config = config
         self.camera = config.camera
         self._video: VideoSource = VideoConfig(
-            config.path, config.camera, config.offset_s, keep_encoded=config.keep_encoded, threads=False
+            config.path, config.camera, keep_encoded=config.keep_encoded, threads=False
         ).build()
         self.size_wh = self._video.size_wh
 

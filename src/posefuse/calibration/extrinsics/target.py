@@ -209,7 +209,7 @@ def world_checks(rig: Rig, has_floor: bool, upside_down: tuple[str, ...] = ()) -
         done.append(
             Check("cameras are above the floor", bool(height[worst] > 0),
                   f"the lowest is {rig.names[worst]} at {height[worst]:.2f} m",
-                  "the tile lies face down, is described mirrored or not on the floor, or x and y of the points are exchanged"),
+                  "the tile lies face down, is described mirrored or is not on the floor"),
         )  # fmt: skip
     up_cam = np.stack([camera.cam_from_world.matrix()[:, 2] for camera in rig])
     up_cam = np.where(np.isin(rig.names, upside_down)[:, None], -up_cam, up_cam)

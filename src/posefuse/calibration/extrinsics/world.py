@@ -1,22 +1,17 @@
-"""The world frame: Z up, metres, from a tile on the floor, from three measured points, or from feet on the floor."""
+"""The world frame: Z up, metres, from a tile on the floor, or from feet on the floor."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, fields, replace
-from pathlib import Path
-from typing import Annotated
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
-from annotated_types import Gt
 
 from posefuse.calibration.geometry import Lenses, Poses, poses_of
 from posefuse.calibration.targets.corners import CornerObservations
 from posefuse.calibration.targets.kinds import Markers, Target, patch_corners
-from posefuse.core import SE3, CalibrationError, Camera, ConfigError, InputError, Rig
+from posefuse.core import SE3, CalibrationError, Camera, InputError, Rig
 from posefuse.core.arrays import Array
-from posefuse.core.errors import choices
-from posefuse.foundation.settings import read_settings, settings
 
 from .bootstrap import PropShape, prop_path
 from .prop_solve import Freedom, PropState, SolvedRig, solve_prop
@@ -24,8 +19,6 @@ from .snapshots import Snapshots, snapshots
 
 _MOST_STILL_PX = 3.0
 _MOST_STATIC_RMS_PX_PER_1000 = 4.0
-# judgement: a hand marks a point to 2 or 3 px of a small image; what rays leave is less than the error of one of them
-_MOST_MARKED_PX_PER_1000 = 6.0
 
 
 def aligned(observations: CornerObservations, rig: Rig) -> CornerObservations:
@@ -113,7 +106,6 @@ def placed_by_rig(rig: Rig, seen: Snapshots, placing: Snapshots, target: Target,
     return SolvedRig(cameras=tuple(rig), seen=seen, corners=corners, solution=solution, freedom=freedom)
 
 
-_LEAST_TRIANGLE_RAD = np.deg2rad(5)
 _FLOOR_CUT_M = 0.04
 _FLOOR_ROUNDS = 20
 # of the foot points of a person who walks so many are on the floor
@@ -144,67 +136,6 @@ def floor_tile(observations: CornerObservations, target: Target, patch: int) -> 
     return WorldRule("tile on the floor", True, lambda rig: locate_static(rig, observations, target, patch).inverse())
 
 
-@dataclass(frozen=True, eq=False)
-class ThreePoints:
-    """Three marked points on the floor: the origin, one along +X, one on the side of +Y.
-
-    Attributes:
-        xy_img: per camera name (3, 2) raw px of the points; NaN where a camera does not see one.
-        origin_to_x_m: measured distance of the first two, to check the scale; None checks nothing.
-    """
-
-    xy_img: Mapping[str, Array]
-    origin_to_x_m: float | None = None
-
-    @property
-    def rule(self) -> WorldRule:
-        """The world that they set."""
-        return WorldRule("three points on the floor", True, self._new_from_old)
-
-    def _new_from_old(self, rig: Rig) -> SE3:
-        """Raises CalibrationError when a point has fewer than 2 views, or the points lie on a line or at another distance."""
-        unknown = sorted(set(self.xy_img) - set(rig.names))
-        if unknown:
-            raise CalibrationError(f"three points: no camera {', '.join(unknown)}; there are: {choices(rig.names)}")
-        missing = np.full((3, 2), np.nan)
-        xy = np.stack([np.asarray(self.xy_img.get(name, missing), np.float64) for name in rig.names])
-        points = triangulate_linear(rig, xy)
-        if not np.isfinite(points).all():
-            raise CalibrationError("three points: each must be marked in at least 2 cameras")
-        _require_agreeing(rig, xy, points)
-        length = float(np.linalg.norm(points[1] - points[0]))
-        if self.origin_to_x_m is not None and abs(length / self.origin_to_x_m - 1) > 0.02:
-            raise CalibrationError(
-                f"three points: origin to x measures {length:.3f} m in the rig, {self.origin_to_x_m:.3f} m was given;"
-                " a wrong marker side, or a point marked wrongly"
-            )
-        return frame_from_points(points)
-
-
-def _require_agreeing(rig: Rig, xy_img: Array, points: Array) -> None:
-    """Raise CalibrationError, naming the camera, where one marks another place in (C, 3, 2) px than the points (3, 3)."""
-    width = np.array([max(camera.size_wh) for camera in rig])[:, None]
-
-    def off(without: int | None, xyz: Array) -> Array:
-        share = 1e3 * np.linalg.norm(rig.project(xyz) - xy_img, axis=2) / width
-        return np.where((np.arange(len(rig)) == without)[:, None] | np.isnan(share), 0.0, share)
-
-    together = off(None, points)
-    point = int(together.max(axis=0).argmax())
-    if together.max() <= _MOST_MARKED_PX_PER_1000:
-        return
-    marked = np.flatnonzero(np.isfinite(xy_img[:, point]).all(axis=1))
-    if len(marked) > _LEAST_VIEWS:
-        others = [np.where((np.arange(len(rig)) == c)[:, None, None], np.nan, xy_img) for c in marked]
-        left = [off(int(c), triangulate_linear(rig, xy))[:, point].max() for c, xy in zip(marked, others, strict=True)]
-        marked = marked[[int(np.argmin(left))]]
-    raise CalibrationError(
-        f"three points: {('origin', 'x', 'y')[point]} is marked at another place in {' and '.join(rig.names[c] for c in marked)}:"
-        f" up to {together[:, point].max() * width[marked[0], 0] / 1e3:.0f} px off (limit"
-        f" {_MOST_MARKED_PX_PER_1000 * width[marked[0], 0] / 1e3:.0f}); mark the same point of the floor in every camera"
-    )
-
-
 def floor_under_body(feet_m: Array, head_m: Array, keypoint_height_m: float = 0.0) -> SE3:
     """For feet that stay on one line and so span no plane: up is the way from feet to heads, the floor is below the feet.
 
@@ -230,16 +161,6 @@ def up_from_cameras(rig: Rig) -> SE3:
 
 
 UP_FROM_CAMERAS = WorldRule("not set; up guessed from the cameras", False, up_from_cameras)
-
-
-def frame_from_points(points: Array) -> SE3:
-    """new_from_old with points[0] at the origin, points[1] on +X and points[2] in the plane z = 0 with y > 0."""
-    along, aside = points[1] - points[0], points[2] - points[0]
-    up = np.cross(along, aside)
-    sine = float(np.linalg.norm(up)) / max(float(np.linalg.norm(along) * np.linalg.norm(aside)), 1e-12)
-    if sine < np.sin(_LEAST_TRIANGLE_RAD):
-        raise CalibrationError("three points: they lie on a line; mark one well to the side of the other two")
-    return _frame(points[0], along, up)
 
 
 def floor_from_feet(feet_m: Array, head_m: Array, keypoint_height_m: float = 0.0) -> SE3:
@@ -304,52 +225,38 @@ def linear_points(rig: Rig, norm: Array) -> Array:
 _LENS_PER_PERCENT = 0.02
 
 
-@dataclass(frozen=True)
-class FloorMarker:
-    """A marker that lies on the floor, face up, in the same recordings.
-
-    Attributes:
-        id: its number in the dictionary of the target. side_m: edge of its black square; None: as the target's markers.
-    """
-
-    id: int
-    side_m: float | None = None
-
-
-def check_floor(floor: FloorMarker | ThreePoints | None, target: Target) -> None:
+def check_floor(marker: int | None, target: Target) -> None:
     """Raise InputError where the floor needs another target, ConfigError where the dictionary has no such marker."""
-    if isinstance(floor, FloorMarker):
+    if marker is not None:
         if not isinstance(target, Markers):
             raise InputError("a marker on the floor needs a target of markers, of the same dictionary")
-        _tile(floor, target)
+        _tile(marker, target)
 
 
-def with_floor(target: Target, floor: FloorMarker | ThreePoints | None) -> Target:
+def with_floor(target: Target, marker: int | None) -> Target:
     """What to look for in the images: the target, and the marker on the floor where the target has markers of its own only."""
-    if isinstance(floor, FloorMarker) and isinstance(target, Markers) and target.ids and floor.id not in target.ids:
-        return replace(target, ids=(*target.ids, floor.id))
+    if marker is not None and isinstance(target, Markers) and target.ids and marker not in target.ids:
+        return replace(target, ids=(*target.ids, marker))
     return target
 
 
-def moved_target(target: Target, floor: FloorMarker | ThreePoints | None) -> Target:
+def moved_target(target: Target, marker: int | None) -> Target:
     """What of a target is moved: its markers without the one on the floor."""
-    if not isinstance(floor, FloorMarker) or not isinstance(target, Markers):
-        return target
-    return replace(target, ids=tuple(one for one in target.ids if one != floor.id))
+    return replace(target, ids=tuple(one for one in target.ids if one != marker)) if isinstance(target, Markers) else target
 
 
 def world_rule(
-    floor: FloorMarker | ThreePoints | None, observations: CornerObservations, target: Target
+    marker: int | None, observations: CornerObservations, target: Target
 ) -> tuple[CornerObservations, WorldRule | None]:
     """The observations of the moving target alone, and what sets the world; None estimates up from the cameras."""
-    if not isinstance(floor, FloorMarker) or not isinstance(target, Markers):
-        return observations, floor.rule if isinstance(floor, ThreePoints) else None
-    world = floor_tile(observations.of_patches([floor.id]), _tile(floor, target), floor.id)
-    return observations.rows(observations.patch != floor.id), world
+    if marker is None or not isinstance(target, Markers):
+        return observations, None
+    world = floor_tile(observations.of_patches([marker]), _tile(marker, target), marker)
+    return observations.rows(observations.patch != marker), world
 
 
-def _tile(floor: FloorMarker, target: Markers) -> Markers:
-    return replace(target, side_m=floor.side_m or target.side_m, ids=(floor.id,))
+def _tile(marker: int, target: Markers) -> Markers:
+    return replace(target, ids=(marker,))
 
 
 def lens_sigma(percent: float | None, cameras: Sequence[Camera]) -> tuple[float, ...] | None:
@@ -364,35 +271,3 @@ def lens_sigma(percent: float | None, cameras: Sequence[Camera]) -> tuple[float,
         raise InputError(f"`focal_known_to_percent={percent:g}`: expected > 0 percent, got {percent:g}")
     focal_px = percent / 100 * float(np.mean([camera.K[0, 0] for camera in cameras]))
     return (focal_px,) * 4 + (_LENS_PER_PERCENT * percent,) * 2
-
-
-_LEAST_VIEWS = 2
-_UNSEEN = (float("nan"), float("nan"))
-
-
-@settings
-class MarkedPoints:
-    """Px (x, y) of the points one camera sees."""
-
-    origin: tuple[float, float] = _UNSEEN
-    x: tuple[float, float] = _UNSEEN
-    y: tuple[float, float] = _UNSEEN
-
-
-@settings
-class FloorPoints:
-    """The whole file, as above."""
-
-    cameras: dict[str, MarkedPoints]
-    origin_to_x_m: Annotated[float, Gt(0)] | None = None
-
-
-def read_floor_points(path: Path) -> ThreePoints:
-    """How the world is set by the file; raises ConfigError naming what is wrong in it."""
-    file = read_settings(path, FloorPoints)
-    marked = {name: np.array([points.origin, points.x, points.y]) for name, points in file.cameras.items()}
-    for i, point in enumerate(fields(MarkedPoints)):
-        views = sum(bool(np.isfinite(xy[i]).all()) for xy in marked.values())
-        if views < _LEAST_VIEWS:
-            raise ConfigError(f"{path}: {point.name}: expected to be marked in {_LEAST_VIEWS} cameras or more, got {views}")
-    return ThreePoints(marked, file.origin_to_x_m)

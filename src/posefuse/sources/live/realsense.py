@@ -103,7 +103,7 @@ class RealSenseSource:
         asked.enable_stream(self._vendor.stream.color, *self.size_wh, self._vendor.format.rgb8, self._rate_hz)
         if self._config.depth:
             asked.enable_stream(self._vendor.stream.depth, self._vendor.format.z16, self._rate_hz)
-        self._clock = StampClock(0)
+        self._clock = StampClock()
         self._pipeline: Any = self._vendor.pipeline()
         started = self._pipeline.start(asked)
         if self._config.depth:

@@ -13,7 +13,6 @@ import time
 from collections import deque
 from collections.abc import Iterator
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 import av
@@ -46,7 +45,6 @@ class StreamConfig:
             name on Windows.
         camera: name of the camera in the rig.
         size: ``WIDTHxHEIGHT`` or ``WIDTHxHEIGHT@RATE`` to ask a USB camera for; empty takes its own choice.
-        delay_s: how old an image is when it arrives, at best: half the exposure plus reading out, coding and transport.
         keep_encoded: give every frame in the camera's own encoding too.
         open_s: how long connecting may take. read_s: a stream that sends nothing for so long is lost.
     """
@@ -54,7 +52,6 @@ class StreamConfig:
     where: str
     camera: str
     size: str = ""
-    delay_s: float = 0.0
     keep_encoded: bool = False
     open_s: float = _OPEN_S
     read_s: float = _READ_S
@@ -74,7 +71,7 @@ class StreamSource:
         self._reading, self._closed = threading.Lock(), False
         self._decoded = decoded_with_packets(self._container, self._container.streams.video[0], config.keep_encoded)
         self._converter = PixelConverter()
-        self._times = StampClock(round(config.delay_s * 1e9))
+        self._times = StampClock()
         self._seq = 0
         self._epoch_ns = time.time_ns() - time.monotonic_ns()
         self._first: Frame | None = self._next()
@@ -144,21 +141,19 @@ class StreamSource:
 class StampClock:
     """Places a stream's stamps on the clock of arrival."""
 
-    def __init__(self, delay_ns: int) -> None:
-        self._delay_ns = delay_ns
+    def __init__(self) -> None:
         self._offsets: deque[tuple[int, int]] = deque()
         self._newest_ns: int | None = None
         self._stamp_ns = 0
 
     def placed(self, stamp_ns: int | None, arrived_ns: int) -> int:
-        """Time of the image: stamp plus least offset minus the known delay; arrival where there is no stamp. Increasing."""
+        """Time of the image: stamp plus least offset; arrival where there is no stamp. Increasing."""
         if stamp_ns is not None:
             if stamp_ns < self._stamp_ns:
                 # the camera has set its clock back: offsets from before mean nothing
                 self._offsets.clear()
             self._stamp_ns = stamp_ns
         t_ns = arrived_ns if stamp_ns is None else stamp_ns + self._offset(arrived_ns - stamp_ns, stamp_ns)
-        t_ns -= self._delay_ns
         if self._newest_ns is not None:
             t_ns = max(t_ns, self._newest_ns + _LEAST_STEP_NS)
         self._newest_ns = t_ns
@@ -178,8 +173,6 @@ class StampClock:
 def _connected(config: StreamConfig) -> Any:
     where = f"{config.where}: camera {config.camera}"
     device = "://" not in config.where
-    if device and usb_camera_format() == "v4l2" and _missing(config.where):
-        raise SourceError(f"{where}: no such device; there are: {choices(list(usb_cameras()))}")
     size, _, rate = config.size.partition("@")
     options = {"fflags": "nobuffer", "flags": "low_delay"}
     if config.where.startswith("rtsp"):
@@ -194,7 +187,7 @@ def _connected(config: StreamConfig) -> Any:
             timeout=(config.open_s, config.read_s),
         )
     except PermissionError:
-        raise SourceError(f"{where}: no permission to read it; add yourself to its group ({_group(config.where)})") from None
+        raise SourceError(f"{where}: no permission to read it; add yourself to its group (usually: video)") from None
     except (av.error.FFmpegError, OSError) as error:
         # the library ends at its time limit with errors that name all sorts of causes
         if isinstance(error, av.error.ExitError) or time.monotonic() - begun_s >= config.open_s:
@@ -213,20 +206,4 @@ def _connected(config: StreamConfig) -> Any:
 def _advice(code: int) -> str:
     if code in _ADVICE:
         return _ADVICE[code]
-    there = "" if usb_camera_format() == "v4l2" else f"; there are: {choices(list(usb_cameras()))}"
-    return f"is it switched on, and the address right{there}?"
-
-
-def _missing(where: str) -> bool:
-    try:
-        return not Path(where).exists()
-    except PermissionError:
-        # in a folder without access; opening it reports that
-        return False
-
-
-def _group(device: str) -> str:
-    try:
-        return Path(device).group()
-    except (KeyError, OSError, NotImplementedError):
-        return "usually: video"
+    return f"there are: {choices(list(usb_cameras()))}; is it switched on, and the address right?"

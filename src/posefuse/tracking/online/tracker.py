@@ -21,8 +21,8 @@ from .kernels.state import KeypointRays
 from .optics import Whitened, rays_of
 from .person import Evidence, Model, Person
 
-# one Detections2D per camera of the rig, in its order, of about one moment; and the pose before, or None -> the people in them
-Solve = Callable[[Sequence[Detections2D], Pose3D | None], Pose3D]
+# one Detections2D per camera of the rig, in its order, of about one moment -> the people in them
+Solve = Callable[[Sequence[Detections2D]], Pose3D]
 
 # detections used per view, the surest first
 _MOST_DETECTIONS = 16
@@ -54,8 +54,8 @@ class Tracker:
 
     Args:
         model: the cameras, the skeleton of every view, and how people move.
-        solve: association and fusion of one time step, from one view of every camera (empty for those that have none) and the
-            pose before. New people come from it.
+        solve: association and fusion of one time step, from one view of every camera (empty for those that have none). New
+            people come from it.
         fuse: fusion of one time step alone, of views that are known to show the same people.
         whitened: a view without its lens, as fusion takes it.
     """
@@ -221,7 +221,7 @@ class Tracker:
             replace(views[name], t_ns=newest_ns) if name in views else Detections2D.empty(name, newest_ns, skeleton)
             for name in self._place
         ]
-        pose = self._solve(together, None)
+        pose = self._solve(together)
         times_ns = [one.t_ns for one in views.values()]
         t_ns = sum(times_ns) // len(times_ns)
         spread_m = _BIRTH_SPEED_M_S * (max(times_ns) - min(times_ns)) / 2 * 1e-9

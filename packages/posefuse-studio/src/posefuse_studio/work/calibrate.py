@@ -15,7 +15,6 @@ import numpy as np
 
 import posefuse as pf
 from posefuse.api.calibrate import observe_target, target_of
-from posefuse.api.targets import floor_of
 from posefuse.calibration.report import RefusedCalibration
 from posefuse.calibration.targets.kinds import Target
 from posefuse.core import InputError
@@ -69,7 +68,7 @@ def _extrinsics(folder: Path, videos: Mapping[str, Path], target: Target, progre
         seen,
         intrinsics=lenses if lenses.is_file() else None,
         target=target,
-        floor=floor_of(target, marker=FLOOR_ID if on_floor else None),
+        floor_marker=FLOOR_ID if on_floor else None,
         progress=progress,
     )
     found.save(folder / RIG, report=folder / "rig.html", replace=True)
