@@ -87,7 +87,7 @@ def main() -> None:
     occluded = pictures(read_scene(_SCENES / "tpose_8cam_occluded.yaml"), 0.0, 4, with_truth=True)
     two = pictures(read_scene(_SCENES / "two_people.yaml"), 4.0, 2, with_truth=True)
     _write("simulation_occluded", [occluded[:2], [occluded[2], two[0]]])
-    cube = pictures(read_scene(_SCENES / "calibration_cube.yaml"), 3.0, 2, with_truth=True)
+    cube = pictures(read_scene(_SCENES / "calibration_cube.yaml"), 3.0, 2, with_truth=False)
     _write("simulation_cube", [cube])
     faults = read_scene(_SCENES / "faults.yaml")
     perfect = {"readout_s": 0.0, "exposure_s": 0.0}

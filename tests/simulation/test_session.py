@@ -137,13 +137,6 @@ def test_a_joint_behind_the_box_is_hidden_and_the_same_joint_without_the_box_is_
     assert shown[ANATOMICAL23.index("nose")] and hidden[ANATOMICAL23.index("nose")]
 
 
-def test_props_are_known_in_every_view(session):
-    props = read_arrays(session / "truth" / "props.npz")
-    assert props["names"].tolist() == ["cube"] and props["kinds"].tolist() == ["aruco_cube"]
-    assert props["prop0_view1_visible"].any() and not props["prop0_view1_visible"].all()
-    assert (np.abs(props["prop0_xyz"] - [-0.7, 0.4, 1.1]) <= [0.05, 0.1, 0.15]).all() and np.ptp(props["prop0_xyz"]) > 0
-
-
 def _contents(folder: Path) -> dict[str, bytes]:
     return {str(path.relative_to(folder)): path.read_bytes() for path in sorted(folder.rglob("*")) if path.is_file()}
 

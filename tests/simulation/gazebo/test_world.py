@@ -223,7 +223,7 @@ def test_the_lens_at_intake_makes_our_picture_of_an_ideal_one(written, furnished
     assert taken_in.shape == ours.shape
     assert np.abs(ours.astype(int) - taken_in).mean() < 0.3 and _shift_px(ours, taken_in) < 0.05
     # and where the board is seen, its corners are where the rig's lens puts them
-    [board] = furnished.props
+    [board] = furnished.scene.props
     expected = camera.project(furnished.prop_poses(np.zeros(1))[0][0] @ chess_corners(board))
     assert np.linalg.norm((refined(taken_in, expected, 2) - expected).mean(axis=0)) < 0.2
 

@@ -6,7 +6,6 @@ SESSION/depth/<camera>/       `formats.image_folders`, of cameras with depth
 SESSION/scene.yaml            every setting, defaults written out
 SESSION/truth/truth.npz       `posefuse.formats.truth`
 SESSION/truth/shots.npz       per camera number i: seq<i>, t<i>_ns (true), stamp<i>_ns (in the video)
-SESSION/truth/props.npz       `exact.prop_truth`, when the scene has props
 SESSION/posefuse-folder.json  `foundation.output_folder`: the command that made it
 
 It is made in a staging folder (`foundation.output_folder`). What an interrupted run left there is continued by the next run of
@@ -33,7 +32,7 @@ from posefuse.foundation.output_folder import check_replaceable, find_unfinished
 from posefuse.foundation.platform import usable_cores
 
 from .build import LiveScene, live_scene
-from .exact import flesh_of_points, prop_truth, truth_with
+from .exact import flesh_of_points, truth_with
 from .files import write_frame_times, write_truth
 from .render.model import render_model
 from .render.shot import exposed, moments_of
@@ -151,14 +150,14 @@ class SessionPaths:
 
     Attributes:
         folder: the session. rig: the exact cameras. videos: one video or image folder per camera. scene: every setting.
-        truth: `core.Truth`. shots: true and stamped times of every frame. props: exact poses and pixels of the props.
+        truth: `core.Truth`. shots: true and stamped times of every frame.
         parts: finished runs of frames of an unfinished session.
     """
 
     def __init__(self, folder: Path) -> None:
         self.folder, truth = folder, folder / "truth"
         self.rig, self.videos, self.scene, self.parts = (folder / name for name in ("rig.toml", "videos", SCENE_FILE, "parts"))
-        self.truth, self.shots, self.props = (truth / f"{name}.npz" for name in ("truth", "shots", "props"))
+        self.truth, self.shots = (truth / f"{name}.npz" for name in ("truth", "shots"))
 
     def depth(self, camera: str) -> Path:
         """The depth images of a camera."""
@@ -228,6 +227,4 @@ def finish_session(live: LiveScene, paths: SessionPaths) -> None:
     write_rig(paths.rig, live.rig)
     write_truth(paths.truth, truth_with(live, visible))
     write_arrays(paths.shots, times)
-    if live.props:
-        write_arrays(paths.props, prop_truth(live, visible))
     shutil.rmtree(paths.parts)
