@@ -5,7 +5,6 @@ import signal
 from concurrent.futures import ProcessPoolExecutor
 from multiprocessing import get_context
 from pathlib import Path
-from types import SimpleNamespace
 
 import cv2
 import numpy as np
@@ -192,18 +191,6 @@ def test_a_session_of_its_own_is_replaced_and_what_is_the_users_stays(tmp_path, 
     assert _contents(folder) == before and len(find_unfinished(folder)) == 2
     simulate(made, folder, processes=1, replace=True)
     assert find_unfinished(folder) == [unfinished] and _contents(unfinished) == kept
-
-
-def test_a_disk_that_is_too_small_is_reported_before_anything_is_rendered(tmp_path, monkeypatch, backend):
-    monkeypatch.setattr("shutil.disk_usage", lambda path: SimpleNamespace(free=1000))
-    refusal(InputError, "MB will be written", simulate, _SCENE, tmp_path / "deep" / "session")
-    assert not list(tmp_path.iterdir())
-
-
-def test_the_estimate_of_the_size_is_near_what_is_written(demo_session):
-    live = live_scene(read_scene(demo_session / "scene.yaml"))
-    video_bytes = sum(video.stat().st_size for video in (demo_session / "videos").iterdir())
-    assert 0.7 < sessions.estimated_session_bytes(live) / (2 * video_bytes) < 1.5
 
 
 def test_a_session_holds_the_motion_it_was_made_from(tmp_path):

@@ -42,10 +42,6 @@ from .scene import SCENE_FILE, H264Settings, Scene, motion_files, scene_text, wr
 
 Progress = Callable[[int, int], None]
 _COMMAND = "simulate"
-# measured on the bundled scene: bytes per pixel of every frame
-_H264_BYTES, _H264_AT_CRF, _CRF_THAT_HALVES = 0.0045, 23, 6
-_JPEG_BYTES = 0.18
-_DEPTH_BYTES = 1.0
 
 
 def simulate(
@@ -64,7 +60,7 @@ def simulate(
         replace: an earlier session is moved to ``NAME.replaced-TIME``, and stays there, when the new one is complete.
 
     Raises:
-        ConfigError: the scene cannot be. InputError: `out` holds something else, cannot be written, or there is too little room.
+        ConfigError: the scene cannot be. InputError: `out` holds something else, or cannot be written.
         DependencyError: no OpenGL, or the extra ``sim`` is missing.
     """
     check_replaceable(out, command=_COMMAND, replace=replace)
@@ -79,7 +75,6 @@ def simulate(
             command=_COMMAND,
             inputs=motion_files(scene),
             replace=replace,
-            estimated_bytes=0 if unfinished else estimated_session_bytes(live),
             keep_unfinished=True,
             unfinished=unfinished,
         ) as made:
@@ -103,17 +98,6 @@ def _unfinished(out: Path, scene: Scene) -> Path | None:
             line = f"{folder}: is an unfinished session of another scene; delete it when it is not needed any more"
             warn_caller(line)
     return same
-
-
-def estimated_session_bytes(live: LiveScene) -> int:
-    """About how much the session will take on disk; videos twice, because they are joined from parts."""
-    record = live.scene.record
-    sizes = {shots.camera: len(shots) * int(np.prod(camera.size_wh)) for shots, camera in zip(live.shots, live.rig, strict=True)}
-    pixels = sum(sizes.values())
-    depth = _DEPTH_BYTES * sum(sizes[camera.name] for camera in live.placed if camera.sensor.depth)
-    if isinstance(record, H264Settings):
-        return round(2 * pixels * _H264_BYTES * 2 ** ((_H264_AT_CRF - record.crf) / _CRF_THAT_HALVES) + depth)
-    return round(pixels * _JPEG_BYTES + depth)
 
 
 def _begin(paths: SessionPaths, scene: Scene) -> None:
