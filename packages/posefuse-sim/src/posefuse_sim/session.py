@@ -38,7 +38,7 @@ from .render.model import render_model
 from .render.shot import exposed, moments_of
 from .render.stage import working_backend
 from .render.workers import FrameRun, RenderJob, image_name, render_all
-from .scene import SCENE_FILE, H264Settings, Scene, motion_files, scene_text, write_scene
+from .scene import SCENE_FILE, H264Settings, Scene, motion_files, scene_text
 
 Progress = Callable[[int, int], None]
 _COMMAND = "simulate"
@@ -103,7 +103,7 @@ def _unfinished(out: Path, scene: Scene) -> Path | None:
 def _begin(paths: SessionPaths, scene: Scene) -> None:
     for folder in (paths.videos, paths.truth.parent, paths.parts):
         folder.mkdir(exist_ok=True)
-    write_scene(scene, paths.folder)
+    paths.scene.write_text(scene_text(scene), encoding="utf-8")
 
 
 def _job(live: LiveScene, backend: str) -> RenderJob:

@@ -28,7 +28,7 @@ from posefuse_sim.build import LiveScene, live_scene
 from posefuse_sim.cameras import ListedCameras, SensorSettings, placed_cameras
 from posefuse_sim.exact import truth_with, visible_to_all
 from posefuse_sim.files import write_loop, write_truth
-from posefuse_sim.scene import Scene, motion_files, write_scene
+from posefuse_sim.scene import SCENE_FILE, Scene, motion_files, scene_text
 
 from .animation import person_actor
 from .collada import write_collada
@@ -104,7 +104,7 @@ def export_world(scene: Scene, out: Path, *, replace_older: bool = False) -> Gaz
         _write(folder, "bridge.yaml", bridge_text(live.rig.names))
         _write(folder, "launch.sh", _LAUNCH)
         (folder / "launch.sh").chmod(_EXECUTABLE)
-        write_scene(shown, folder)
+        _write(folder, SCENE_FILE, scene_text(shown))
         write_rig(folder / "rig.toml", live.rig)
         _write_truth(live, folder / "truth")
     return GazeboWorld(
