@@ -80,7 +80,7 @@ def _moved(motion: str) -> str:
             r"people\.0\.motion\.period_s: tpose has none; there are: heading_deg, kind, position_m$",
         ),
         (_moved("kind: squat, sway: 0"), r"people\.0\.motion\.sway: squat has none"),
-        (_moved("kind: result, file: a, up: z"), r"people\.0\.motion\.up: result has none"),
+        (_moved("kind: trc, file: a, person: 1"), r"people\.0\.motion\.person: trc has none"),
         (_moved("kind: bvh, file: a.bvh"), r"people\.0\.motion: .*'trc', 'result'"),
     ],
 )

@@ -44,8 +44,7 @@ _BENT = (0.1, 0.35)
 def from_trc(body: SimulatedBody, settings: RecordedSettings) -> Motion:
     """A TRC file as a motion of this body; raises InputError naming the file and the markers that are missing."""
     data = read_trc(Path(settings.file))
-    xyz = data.xyz_world if settings.up == "y" else data.xyz_world[..., [1, 2, 0]]
-    return motion_from_points(body, data.t_s, _named(data.names, xyz, settings.file), settings)
+    return motion_from_points(body, data.t_s, _named(data.names, data.xyz_world, settings.file), settings)
 
 
 def from_result(body: SimulatedBody, settings: RecordedSettings) -> Motion:
@@ -72,7 +71,7 @@ def motion_from_points(body: SimulatedBody, t_s: Array, points: Points, settings
     path[:, :2] += (start if settings.position_m is None else np.array(settings.position_m)) - path[0, :2]
     since_start_s = t_s - t_s[0]
     samples = on_floor(body, since_start_s, BodyPosture(path, axes, np.zeros((len(t_s), 2))))
-    return lambda at_s: posture_between(since_start_s, samples, at_s + settings.start_s, settings.loop)
+    return lambda at_s: posture_between(since_start_s, samples, at_s)
 
 
 _LEG = (("hip", "knee"), ("knee", "ankle"))

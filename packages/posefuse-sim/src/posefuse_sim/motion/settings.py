@@ -123,18 +123,14 @@ class RecordedSettings:
 
     Attributes:
         kind: ``trc``: by markers with the names of our keypoints, or OpenPose's. ``result``: a folder.
-        file: the file or folder. up: the vertical axis of a TRC file. person: which id of a result; None: the one seen longest.
-        position_m: where the pelvis is at the start; None keeps the place of the file or result.
-        start_s: the file's time shown at time 0. loop: start again at the end; otherwise the last pose stays.
+        file: the file or folder. person: which id of a result; None: the one seen longest.
+        position_m: where the pelvis is at the start; None keeps the place of the file or result. The last pose stays.
     """
 
     kind: Literal["trc", "result"]
     file: str
-    up: Literal["y", "z"] = "y"
     person: int | None = None
     position_m: Place | None = None
-    start_s: Annotated[float, Ge(0)] = 0.0
-    loop: bool = False
 
 
 MotionSettings = Annotated[StandSettings | WalkSettings | RecordedSettings, Field(discriminator="kind")]
@@ -147,10 +143,9 @@ _OWN = {
     "overhead": ("period_s",),
     "sit": ("period_s",),
     "turn": ("period_s",),
-    "trc": ("up",),
     "result": ("person",),
 }
-_SHARED = ("kind", "file", "position_m", "start_s", "loop")
+_SHARED = ("kind", "file", "position_m")
 
 
 def check_motion(motion: StandSettings | WalkSettings | RecordedSettings, where: str) -> None:
