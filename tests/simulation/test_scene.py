@@ -143,7 +143,7 @@ _SMALL = {"size_m": [3.0, 8.0]}
         (_timed(phase_s=50.0), "camera eye: no frame is left.*make duration_s longer"),
         (_timed(stamp_noise_s=0.1), "camera eye: stamp_noise_s 0.1 puts frames out of order"),
         ({"occluders": [{**_CLUTTER, "area_m": [1.0, 1.0]}]}, r"only 0 of 6 boxes fit.*make the area larger"),
-        (_of_one(_MAN, height_m=1.7, weight_kg=190), r"weight_kg: expected \d+\.\d+ to \d+\.\d+ kg .* got 190\.00 kg"),
+        (_of_one(_MAN, height_m=2.3, age_years=5), r"height_m: expected \d+\.\d+ to \d+\.\d+ m .* got 2\.30 m"),
         (_of_one(_walk(shape="line", start_m=[0, 0], end_m=[0.5, 0])), "end_m: expected at least 1.0 m from start_m, got 0.50 m"),
         (_of_one(_walk(2.0, shape="circle", radius_m=0.5)), r"speed_mps: expected at most 1.12 m/s on a circle .* got 2.0"),
         (_of_one(_walk(shape="random", low_m=[0, 0], high_m=[1, 5])), "high_m: expected at least 2 m beyond low_m"),

@@ -122,7 +122,7 @@ class RecordedSettings:
     """Motion from a file: the markers or keypoints of a TRC file, or a recorded posefuse result (Real2Sim).
 
     Attributes:
-        kind: ``trc``: by markers with the names of our keypoints, as `compare` reads them: ``RKnee``, ``right knee``. ``result``: a folder.
+        kind: ``trc``: by markers named as our keypoints, in the spellings that `compare` reads (``RKnee``). ``result``: a folder.
         file: the file or folder. person: which id of a result; None: the one seen longest.
         position_m: where the pelvis is at the start; None keeps the place of the file or result. The last pose stays.
     """
