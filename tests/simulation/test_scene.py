@@ -141,7 +141,6 @@ _SMALL = {"size_m": [3.0, 8.0]}
         (_eye(0.0, 0.0, 0.2), "camera eye: look_at_m is its own position"),
         (_timed(offset_s=-3.0), r"camera eye: its clock starts at -1.000 s.*set start_s to at least 3.000"),
         (_timed(phase_s=50.0), "camera eye: no frame is left.*make duration_s longer"),
-        (_timed(stamp_noise_s=0.1), "camera eye: stamp_noise_s 0.1 puts frames out of order"),
         ({"occluders": [{**_CLUTTER, "area_m": [1.0, 1.0]}]}, r"only 0 of 6 boxes fit.*make the area larger"),
         (_of_one(_MAN, height_m=2.3, age_years=5), r"height_m: expected \d+\.\d+ to \d+\.\d+ m .* got 2\.30 m"),
         (_of_one(_walk(shape="line", start_m=[0, 0], end_m=[0.5, 0])), "end_m: expected at least 1.0 m from start_m, got 0.50 m"),
@@ -251,11 +250,6 @@ def test_jitter_has_its_size_and_the_stamps_know_it():
     off_s = shots.t_ns / 1e9 - (2.0 + shots.seq / 25.0)
     assert np.std(off_s[1:]) == pytest.approx(0.003, rel=0.1)
     np.testing.assert_allclose(shots.stamp_ns, shots.t_ns, atol=1)
-
-
-def test_stamp_noise_is_what_the_stamps_do_not_know():
-    shots = _shots(stamp_noise_s=0.002)
-    assert np.std(shots.stamp_ns - shots.t_ns) == pytest.approx(2e6, rel=0.1)
 
 
 def test_dropped_frames_leave_gaps_in_the_numbers():

@@ -33,7 +33,7 @@ _CHECK_STEP_S = 0.1
 
 # keeps frames in order however strong the jitter
 _JITTER_LIMIT_PERIODS = 0.45
-_PURPOSE = {"jitter": 1, "stamp": 2, "drop": 3}
+_PURPOSE = {"jitter": 1, "drop": 3}
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,8 +75,7 @@ def shots_of(scene: Scene, index: int, camera: PlacedCamera) -> Shots:
     jitter_s = np.clip(jitter_s, -_JITTER_LIMIT_PERIODS * period_s, _JITTER_LIMIT_PERIODS * period_s)
     # nothing is exposed before the scene begins
     t_s = np.maximum(start_s + sensor.phase_s + seq * period_s + jitter_s, start_s)
-    noise_s = sensor.stamp_noise_s * _rng(seed, "stamp", index).standard_normal(count)
-    stamp_s = sensor.offset_s + t_s * (1 + sensor.drift_ppm * 1e-6) + noise_s
+    stamp_s = sensor.offset_s + t_s * (1 + sensor.drift_ppm * 1e-6)
     kept = _rng(seed, "drop", index).random(count) >= sensor.drop_fraction
     if not kept.any():
         raise ConfigError(
@@ -89,8 +88,6 @@ def shots_of(scene: Scene, index: int, camera: PlacedCamera) -> Shots:
             f"camera {camera.name}: its clock starts at {stamp_ns[0] / 1e9:.3f} s, and a video has no times before 0; "
             f"set start_s to at least {start_s - stamp_ns.min() / 1e9:.3f}"
         )
-    if (np.diff(stamp_ns) <= 0).any():
-        raise ConfigError(f"camera {camera.name}: stamp_noise_s {sensor.stamp_noise_s} puts frames out of order; make it smaller")
     return Shots(camera.name, seq[kept], np.round(t_s[kept] * 1e9), stamp_ns)
 
 

@@ -83,7 +83,6 @@ class SensorSettings:
         offset_s: what its clock shows when the session clock shows 0; the time stamps carry it.
         drift_ppm: how much faster its clock runs than the session clock, in parts per million.
         jitter_s: standard deviation of the moment of exposure; the time stamps know it.
-        stamp_noise_s: standard deviation of an error of the time stamps.
         drop_fraction: share of frames that are lost, at random.
         readout_s: rolling shutter, from first to last row; 0 is a global shutter.
         shutter_bands: horizontal bands in which a rolling shutter is rendered.
@@ -98,7 +97,6 @@ class SensorSettings:
     offset_s: float = 0.0
     drift_ppm: Annotated[float, Gt(-100_000), Lt(100_000)] = 0.0
     jitter_s: Annotated[float, Ge(0)] = 0.0
-    stamp_noise_s: Annotated[float, Ge(0)] = 0.0
     drop_fraction: Annotated[float, Ge(0), Lt(1)] = 0.0
     readout_s: Annotated[float, Ge(0)] = 0.0
     shutter_bands: Annotated[int, Ge(2), Le(MOST_SIDE_PX)] = 8
