@@ -19,7 +19,7 @@ from posefuse.foundation.settings import read_settings, settings
 from .body import BodyShapeSettings
 from .cameras import CameraSettings, placed_cameras
 from .motion import MotionSettings
-from .motion.settings import RecordedSettings, check_motion
+from .motion.settings import RecordedSettings
 from .props import PropSettings
 from .surroundings import OccluderSettings, RoomSettings
 
@@ -111,11 +111,9 @@ def motion_files(scene: Scene) -> tuple[Path, ...]:
 
 
 def check_scene(scene: Scene) -> None:
-    """Raise ConfigError for names that are taken twice, and settings of other kinds, before it is built."""
+    """Raise ConfigError for names that are taken twice, before it is built."""
     _check_unique("cameras: name", [camera.name for camera in placed_cameras(scene.cameras)])
     _check_unique("props: name", [prop.name for prop in scene.props])
-    for i, person in enumerate(scene.people):
-        check_motion(person.motion, f"people.{i}.motion")
 
 
 def _check_unique(what: str, names: list[str]) -> None:
