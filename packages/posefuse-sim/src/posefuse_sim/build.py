@@ -23,7 +23,7 @@ from .motion.routes import route
 from .motion.settings import MotionSettings, StandSettings, WalkSettings
 from .motion.standing import standing_motion
 from .props import Prop, poses_on_path, prop_from_settings
-from .scene import Scene, check_scene
+from .scene import Scene
 from .surroundings import Box, boxes_of
 
 _ROOM_MARGIN_M = 1.0
@@ -145,7 +145,6 @@ _body = functools.lru_cache(maxsize=32)(build_body)
 
 def live_scene(scene: Scene) -> LiveScene:
     """Build everything; raises ConfigError for what cannot be (camera in a person, a path off the floor, no frame)."""
-    check_scene(scene)
     placed = placed_cameras(scene.cameras)
     rig = rig_from_cameras(placed)
     shots = tuple(shots_of(scene, i, camera) for i, camera in enumerate(placed))

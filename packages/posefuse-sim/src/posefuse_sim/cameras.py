@@ -198,26 +198,26 @@ def _ring_spots(ring: RingCameras) -> list[Point]:
 
 
 def rig_from_cameras(placed: tuple[PlacedCamera, ...]) -> Rig:
-    """The exact rig; raises ConfigError naming the camera whose lens, matrix or direction cannot be."""
-    return Rig(tuple(_camera(one) for one in placed), world_set_by="simulated", residual_px=0.0)
+    """The exact rig; raises ConfigError naming the camera whose name, lens, matrix or direction cannot be."""
+    try:
+        return Rig(tuple(_camera(one) for one in placed), world_set_by="simulated", residual_px=0.0)
+    except PosefuseError as error:
+        raise ConfigError(f"cameras: {error}") from None
 
 
 def _camera(placed: PlacedCamera) -> Camera:
     width, height = placed.image.size_px
     focal = width / 2 / np.tan(np.deg2rad(placed.image.horizontal_fov_deg) / 2)
     intrinsics = placed.image.K or [[focal, 0, (width - 1) / 2], [0, focal, (height - 1) / 2], [0, 0, 1]]
-    try:
-        return Camera(
-            name=placed.name,
-            size_wh=(width, height),
-            K=np.array(intrinsics),
-            cam_from_world=_cam_from_world(placed),
-            distortion=np.array(placed.image.distortion),
-            model=placed.image.lens,
-            readout_s=placed.sensor.readout_s,
-        )
-    except PosefuseError as error:
-        raise ConfigError(f"cameras: {error}") from None
+    return Camera(
+        name=placed.name,
+        size_wh=(width, height),
+        K=np.array(intrinsics),
+        cam_from_world=_cam_from_world(placed),
+        distortion=np.array(placed.image.distortion),
+        model=placed.image.lens,
+        readout_s=placed.sensor.readout_s,
+    )
 
 
 def _cam_from_world(placed: PlacedCamera) -> SE3:

@@ -11,13 +11,11 @@ import yaml
 from annotated_types import Ge, Gt, Le
 from pydantic import Field
 
-from posefuse.core import ConfigError
-from posefuse.core.errors import choices
 from posefuse.foundation.parsing import plain
 from posefuse.foundation.settings import read_settings, settings
 
 from .body import BodyShapeSettings
-from .cameras import CameraSettings, placed_cameras
+from .cameras import CameraSettings
 from .motion import MotionSettings
 from .motion.settings import RecordedSettings
 from .props import PropSettings
@@ -87,12 +85,7 @@ def read_scene(path: Path) -> Scene:
 
     Motion files are looked for from the scene file's folder; the scene has their whole paths.
     """
-    scene = _with_motion_files(read_settings(path, Scene), path.absolute().parent)
-    try:
-        check_scene(scene)
-    except ConfigError as error:
-        raise ConfigError(f"{path}: {error}") from None
-    return scene
+    return _with_motion_files(read_settings(path, Scene), path.absolute().parent)
 
 
 def _with_motion_files(scene: Scene, folder: Path) -> Scene:
@@ -108,18 +101,6 @@ def motion_files(scene: Scene) -> tuple[Path, ...]:
     """The motion files and folders that the scene is made from."""
     motions = [person.motion for person in scene.people]
     return tuple(Path(motion.file) for motion in motions if isinstance(motion, RecordedSettings))
-
-
-def check_scene(scene: Scene) -> None:
-    """Raise ConfigError for names that are taken twice, before it is built."""
-    _check_unique("cameras: name", [camera.name for camera in placed_cameras(scene.cameras)])
-    _check_unique("props: name", [prop.name for prop in scene.props])
-
-
-def _check_unique(what: str, names: list[str]) -> None:
-    twice = sorted({name for name in names if names.count(name) > 1})
-    if twice:
-        raise ConfigError(f"{what}: used twice: {choices(twice)}; give each its own")
 
 
 SCENE_FILE = "scene.yaml"
