@@ -120,7 +120,7 @@ def test_a_kept_plan_is_a_scene_file_that_can_be_rendered(tmp_path: Path) -> Non
     (tmp_path / "plan.yaml").write_text(scene_text(scene), encoding="utf-8")
     read = read_scene(tmp_path / "plan.yaml")
     assert read == scene == settings_from_mapping(plain_settings(scene), Scene, where="plan")
-    live_scene(read)  # cameras inside the room, no person walks through a wall or a camera
+    live_scene(read)  # cameras inside the room, no person walks through a wall
 
 
 @pytest.fixture

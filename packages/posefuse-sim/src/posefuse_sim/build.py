@@ -28,7 +28,6 @@ from .surroundings import Box, boxes_of
 
 _ROOM_MARGIN_M = 1.0
 _LEAST_ROOM_M = 8.0
-_BODY_RADIUS_M = 0.25
 _CHECK_STEP_S = 0.1
 
 # keeps frames in order however strong the jitter
@@ -144,7 +143,7 @@ _body = functools.lru_cache(maxsize=32)(build_body)
 
 
 def live_scene(scene: Scene) -> LiveScene:
-    """Build everything; raises ConfigError for what cannot be (camera in a person, a path off the floor, no frame)."""
+    """Build everything; raises ConfigError for what cannot be (camera outside the room, a path off the floor, no frame)."""
     placed = placed_cameras(scene.cameras)
     rig = rig_from_cameras(placed)
     shots = tuple(shots_of(scene, i, camera) for i, camera in enumerate(placed))
@@ -183,12 +182,6 @@ def _check_places(live: LiveScene) -> None:
                 f"camera {camera.name}: stands at {_point(centre)} m, outside the room of {_point(2 * half)} m; "
                 "make room.size_m larger, or room.walls: none"
             )
-        for i, box in enumerate(live.boxes):
-            if box.contains(centre):
-                raise ConfigError(
-                    f"camera {camera.name}: stands at {_point(centre)} m, inside box {i} of the occluders; move one"
-                )
-        _check_not_in_a_person(camera.name, centre, keypoints, t_s)
     for i in range(keypoints.shape[1]):
         outside = (np.abs(keypoints[:, i, :, :2]) > half).any(axis=(1, 2))
         if outside.any():
@@ -196,18 +189,6 @@ def _check_places(live: LiveScene) -> None:
                 f"people.{i}: leaves the floor of {_point(2 * half)} m at {t_s[outside][0]:.1f} s; "
                 "make room.size_m larger or the path smaller"
             )
-
-
-def _check_not_in_a_person(camera: str, centre: Array, keypoints: Array, t_s: Array) -> None:
-    if not keypoints.size:
-        return
-    near = np.linalg.norm(keypoints - centre, axis=-1).min(axis=2) < _BODY_RADIUS_M
-    if near.any():
-        time_step, person = np.argwhere(near)[0]
-        raise ConfigError(
-            f"camera {camera}: stands at {_point(centre)} m, inside or touching people.{person} at {t_s[time_step]:.1f} s; "
-            f"keep {_BODY_RADIUS_M} m between them"
-        )
 
 
 def _point(values: Array) -> str:
