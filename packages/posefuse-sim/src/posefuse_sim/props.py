@@ -13,10 +13,9 @@ import numpy as np
 from annotated_types import Ge, Gt
 from pydantic import Field
 
-from posefuse.calibration.targets.kinds import black_modules, board_picture
+from posefuse.calibration.targets.kinds import black_modules, board_picture, dictionary_of
 from posefuse.core import SE3, ConfigError
 from posefuse.core.arrays import Array, freeze_fields
-from posefuse.core.errors import choices
 from posefuse.foundation.settings import settings
 
 Point = tuple[float, float, float]
@@ -108,7 +107,6 @@ _PRINTED = 4
 # white border around the squares of a board
 _MARGIN_M = 0.02
 _PAPER_WHITE = 235
-_DICTIONARIES = tuple(name for name in dir(cv2.aruco) if name.startswith("DICT_"))
 # outward normal, right and up of each face as printed; right x up = normal
 _CUBE_FACES = np.array(
     [
@@ -269,9 +267,7 @@ def _printed(white: Array, px_per_m: float, size_m: Array) -> tuple[Array, Array
 
 
 def _dictionary(name: str, dictionary_name: str, highest_id: int) -> cv2.aruco.Dictionary:
-    if dictionary_name not in _DICTIONARIES:
-        raise ConfigError(f"prop {name}: dictionary: no {dictionary_name!r}; there are: {choices(_DICTIONARIES)}")
-    dictionary = cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, dictionary_name))
+    dictionary = dictionary_of(dictionary_name)
     if highest_id >= len(dictionary.bytesList):
         raise ConfigError(
             f"prop {name}: {dictionary_name} has {len(dictionary.bytesList)} markers, marker {highest_id} is needed"
