@@ -36,8 +36,13 @@ def squat(body: SimulatedBody) -> tuple[np.ndarray, np.ndarray]:
     return times, state.keypoints_world
 
 
+def _pose2sim_name(keypoint: str) -> str:
+    """``LBigToe`` of left_big_toe."""
+    return keypoint.replace("left_", "l_").replace("right_", "r_").title().replace("_", "")
+
+
 MARKERS = {
-    "openpose": {n: n.replace("left_", "L").replace("right_", "R").title().replace("_", "") for n in KEYPOINTS.keypoints},
+    "pose2sim": {n: _pose2sim_name(n) for n in KEYPOINTS.keypoints},
     "plain": {n: n for n in KEYPOINTS.keypoints},
 }
 
@@ -46,8 +51,6 @@ MARKERS = {
 def test_trc_moves_the_body_as_recorded(tmp_path, body, squat, style: str) -> None:
     times, points = squat
     names = [MARKERS[style][n] for n in KEYPOINTS.keypoints]
-    if style == "openpose":
-        names = [n.replace("Lh", "LH").replace("Rh", "RH") for n in names]
     write_trc(tmp_path / "squat.trc", TrcData(names=tuple(names), t_s=times, xyz_world=points, rate_hz=50.0))
     state = person(body, kind="trc", file=str(tmp_path / "squat.trc")).at(times)
     error = np.linalg.norm(state.keypoints_world - points, axis=-1)
