@@ -59,7 +59,7 @@ def written(tmp_path_factory) -> Written:
     folder = tmp_path_factory.mktemp("gazebo")
     (folder / "scene.yaml").write_text(scene_text(SCENE))
     world = pf.gazebo_world(folder / "scene.yaml", folder / "world")
-    return Written(world, live_scene(shown_scene(SCENE)[0]))
+    return Written(world, live_scene(shown_scene(SCENE)))
 
 
 def _compiled(name: str, package: str, debian: str, folder: Path) -> Path:
