@@ -16,7 +16,6 @@ from .scene import Scene
 from .surroundings import FLESH_M, hidden_by_shapes
 
 _ROW_ITERATIONS = 12
-_FRAMES_AT_ONCE = 256
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,7 +46,7 @@ def truth_of(scene: Scene) -> Truth:
 
 def visible_to_all(live: LiveScene) -> list[Array]:
     """The visibility (F, Q) of all points by geometry alone, camera by camera; see `SeenPoints` for axis Q."""
-    return [np.concatenate([visible_by_shapes(live, i, part) for part in _parts(live, i)]) for i in range(len(live.rig))]
+    return [visible_by_shapes(live, i) for i in range(len(live.rig))]
 
 
 def truth_with(live: LiveScene, visible: list[Array]) -> Truth:
@@ -55,7 +54,7 @@ def truth_with(live: LiveScene, visible: list[Array]) -> Truth:
     people = len(live.people)
     views = []
     for i, camera in enumerate(live.rig):
-        xy_img = np.concatenate([seen_points(live, i, part).xy_img for part in _parts(live, i)])
+        xy_img = seen_points(live, i, slice(None)).xy_img
         shape = (len(live.shots[i]), people, len(ANATOMICAL23))
         shown = visible[i].reshape(shape)
         views.append(CameraTruth(camera=camera.name, t_ns=live.shots[i].t_ns, xy_img=xy_img.reshape(*shape, 2), visible=shown))
@@ -91,18 +90,12 @@ def flesh_of_points(live: LiveScene) -> Array:
     return np.tile(FLESH_M, len(live.people))
 
 
-def visible_by_shapes(live: LiveScene, camera_index: int, frames: slice) -> Array:
+def visible_by_shapes(live: LiveScene, camera_index: int) -> Array:
     """(F, Q) visibility of all points by geometry alone."""
-    seen = seen_points(live, camera_index, frames)
+    seen = seen_points(live, camera_index, slice(None))
     eye = live.rig.cameras[camera_index].centre_world
-    people_world = live.keypoints(live.shots[camera_index].t_ns[frames] / 1e9)
+    people_world = live.keypoints(live.shots[camera_index].t_ns / 1e9)
     return seen.possible & ~hidden_by_shapes(eye, seen.xyz_world, flesh_of_points(live), live.boxes, people_world)
-
-
-def _parts(live: LiveScene, camera_index: int) -> list[slice]:
-    """Frames in portions, so that memory does not grow with the length of a session."""
-    count = len(live.shots[camera_index])
-    return [slice(first, min(first + _FRAMES_AT_ONCE, count)) for first in range(0, count, _FRAMES_AT_ONCE)]
 
 
 def _when_exposed(camera: Camera, early: Array, middle: Array, late: Array) -> Array:
