@@ -267,7 +267,7 @@ def _printed(white: Array, px_per_m: float, size_m: Array) -> tuple[Array, Array
 
 
 def _dictionary(name: str, dictionary_name: str, highest_id: int) -> cv2.aruco.Dictionary:
-    dictionary = dictionary_of(dictionary_name)
+    dictionary: cv2.aruco.Dictionary = dictionary_of(dictionary_name)
     if highest_id >= len(dictionary.bytesList):
         raise ConfigError(
             f"prop {name}: {dictionary_name} has {len(dictionary.bytesList)} markers, marker {highest_id} is needed"
