@@ -11,9 +11,9 @@ import numpy as np
 from posefuse_sim import Scene, read_scene
 from posefuse_sim.build import live_scene
 from posefuse_sim.cameras import ListedCameras
-from posefuse_sim.exact import seen_points
+from posefuse_sim.exact import flesh_of_points
 from posefuse_sim.render.model import render_model
-from posefuse_sim.render.shot import CameraShooter, shot_image
+from posefuse_sim.render.shot import CameraShooter, exposed, noise_seed
 from posefuse_sim.render.stage import RenderStage, working_backend
 
 _SCENES = Path(__file__).resolve().parents[1] / "examples" / "scenes"
@@ -32,11 +32,12 @@ def pictures(scene: Scene, after_s: float, cameras: int, with_truth: bool) -> li
     for c in range(cameras):
         frame = int(np.argmin(np.abs(live.shots[c].t_ns / 1e9 - scene.start_s - after_s)))
         shooter = CameraShooter(live.rig.cameras[c], live.placed[c].sensor, stage)
-        shot = shot_image(live, c, frame, shooter)
-        image, visible = shot.image, shot.visible
+        poses, seen = exposed(live, c, slice(frame, frame + 1))
+        points = seen.xyz_world[0], seen.possible[0], flesh_of_points(live)
+        shot = shooter.shoot(poses[0], *points, noise_seed(live, c, frame))
         if with_truth:
-            _dot(image, seen_points(live, c, slice(frame, frame + 1)).xy_img[0], visible)
-        drawn.append(image)
+            _dot(shot.image, seen.xy_img[0], shot.visible)
+        drawn.append(shot.image)
     stage.close()
     return drawn
 
@@ -87,7 +88,7 @@ def main() -> None:
     occluded = pictures(read_scene(_SCENES / "tpose_8cam_occluded.yaml"), 0.0, 4, with_truth=True)
     two = pictures(read_scene(_SCENES / "two_people.yaml"), 4.0, 2, with_truth=True)
     _write("simulation_occluded", [occluded[:2], [occluded[2], two[0]]])
-    cube = pictures(read_scene(_SCENES / "calibration_cube.yaml"), 3.0, 2, with_truth=True)
+    cube = pictures(read_scene(_SCENES / "calibration_cube.yaml"), 3.0, 2, with_truth=False)
     _write("simulation_cube", [cube])
     faults = read_scene(_SCENES / "faults.yaml")
     perfect = {"readout_s": 0.0, "exposure_s": 0.0}

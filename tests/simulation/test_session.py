@@ -5,7 +5,6 @@ import signal
 from concurrent.futures import ProcessPoolExecutor
 from multiprocessing import get_context
 from pathlib import Path
-from types import SimpleNamespace
 
 import cv2
 import numpy as np
@@ -137,13 +136,6 @@ def test_a_joint_behind_the_box_is_hidden_and_the_same_joint_without_the_box_is_
     assert shown[ANATOMICAL23.index("nose")] and hidden[ANATOMICAL23.index("nose")]
 
 
-def test_props_are_known_in_every_view(session):
-    props = read_arrays(session / "truth" / "props.npz")
-    assert props["names"].tolist() == ["cube"] and props["kinds"].tolist() == ["aruco_cube"]
-    assert props["prop0_view1_visible"].any() and not props["prop0_view1_visible"].all()
-    assert (np.abs(props["prop0_xyz"] - [-0.7, 0.4, 1.1]) <= [0.05, 0.1, 0.15]).all() and np.ptp(props["prop0_xyz"]) > 0
-
-
 def _contents(folder: Path) -> dict[str, bytes]:
     return {str(path.relative_to(folder)): path.read_bytes() for path in sorted(folder.rglob("*")) if path.is_file()}
 
@@ -201,31 +193,14 @@ def test_a_session_of_its_own_is_replaced_and_what_is_the_users_stays(tmp_path, 
     assert find_unfinished(folder) == [unfinished] and _contents(unfinished) == kept
 
 
-def test_a_disk_that_is_too_small_is_reported_before_anything_is_rendered(tmp_path, monkeypatch, backend):
-    monkeypatch.setattr("shutil.disk_usage", lambda path: SimpleNamespace(free=1000))
-    refusal(InputError, "MB will be written", simulate, _SCENE, tmp_path / "deep" / "session")
-    assert not list(tmp_path.iterdir())
-
-
-def test_the_estimate_of_the_size_is_near_what_is_written(demo_session):
-    live = live_scene(read_scene(demo_session / "scene.yaml"))
-    video_bytes = sum(video.stat().st_size for video in (demo_session / "videos").iterdir())
-    assert 0.7 < sessions.estimated_session_bytes(live) / (2 * video_bytes) < 1.5
-
-
-def test_a_session_holds_the_motion_it_was_made_from(tmp_path):
-    """Relative files count from the scene file, and the session can be moved."""
-    (tmp_path / "walk.trc").write_text("PathFileType")
+def test_motion_files_count_from_the_scene_file_and_a_session_finds_them_again(tmp_path):
     person = {"motion": {"kind": "trc", "file": "walk.trc"}}
     (tmp_path / "scene.yaml").write_text(yaml.safe_dump({**_CONTENT, "people": [person, person]}))
     read = read_scene(tmp_path / "scene.yaml")
     assert read.people[0].motion.file == str(tmp_path / "walk.trc")
     (tmp_path / "session").mkdir()
     sessions._begin(sessions.SessionPaths(tmp_path / "session"), read)
-    (tmp_path / "session").rename(tmp_path / "moved")
-    (tmp_path / "walk.trc").unlink()
-    again = read_scene(tmp_path / "moved" / "scene.yaml")
-    assert Path(again.people[1].motion.file).read_text() == "PathFileType"
+    assert read_scene(tmp_path / "session" / "scene.yaml") == read
 
 
 def test_image_folders_are_read_with_their_times(tmp_path, backend):

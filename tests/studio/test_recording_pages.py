@@ -23,7 +23,7 @@ from posefuse.foundation.settings import settings_from_mapping
 from posefuse_sim import rig_plan
 from posefuse_sim.build import live_scene
 from posefuse_sim.cameras import PlacedCamera, placed_cameras
-from posefuse_sim.scene import Scene, check_scene, plain_settings, read_scene, scene_text
+from posefuse_sim.scene import Scene, plain_settings, read_scene, scene_text
 from posefuse_studio import work
 from posefuse_studio.app import add_routes
 from posefuse_studio.jobs import JOBS_FOLDER
@@ -120,8 +120,7 @@ def test_a_kept_plan_is_a_scene_file_that_can_be_rendered(tmp_path: Path) -> Non
     (tmp_path / "plan.yaml").write_text(scene_text(scene), encoding="utf-8")
     read = read_scene(tmp_path / "plan.yaml")
     assert read == scene == settings_from_mapping(plain_settings(scene), Scene, where="plan")
-    check_scene(read)
-    live_scene(read)  # cameras inside the room, no person walks through a wall or a camera
+    live_scene(read)  # cameras inside the room, no person walks through a wall
 
 
 @pytest.fixture

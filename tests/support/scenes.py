@@ -3,10 +3,11 @@
 from collections.abc import Sequence
 from typing import Any
 
+import cv2
 import numpy as np
 
 from posefuse.foundation.settings import settings_from_mapping
-from posefuse_sim.props import Prop
+from posefuse_sim.props import ArucoCube, CharucoBoard, GroundTile
 from posefuse_sim.scene import Scene
 
 PLAIN_ROOM = {"floor": "plain", "walls": "plain", "shadows": False}
@@ -27,6 +28,40 @@ def still(position_m: Sequence[float], **turned: float) -> dict[str, Any]:
     return {"kind": "still", "position_m": position_m, **turned}
 
 
-def chess_corners(prop: Prop) -> np.ndarray:
+# half the thickness of what is flat: the printed side of a board or a tile
+_FRONT_M = 0.002
+# corners in half edges to the right and up: top left first, then clockwise as printed
+_CORNERS = np.array([[-1, 1], [1, 1], [1, -1], [-1, -1]])
+# outward normal and right of each face of a cube
+_FACES = (
+    ([1, 0, 0], [0, 1, 0]), ([-1, 0, 0], [0, -1, 0]), ([0, 1, 0], [-1, 0, 0]), ([0, -1, 0], [1, 0, 0]), ([0, 0, 1], [1, 0, 0]),
+    ([0, 0, -1], [1, 0, 0]),
+)  # fmt: skip
+
+
+def chess_corners(board: CharucoBoard) -> np.ndarray:
     """(Q, 3) inner chessboard corners of a ChArUco board in its own axes, in OpenCV's order."""
-    return prop.points_prop[4 * len(prop.marker_id) :]
+    return _on_board(board, np.asarray(_opencv_board(board).getChessboardCorners()))
+
+
+def marker_corners(prop: ArucoCube | CharucoBoard | GroundTile) -> np.ndarray:
+    """(M, 4, 3) corners of the markers of a prop in its own axes, in OpenCV's order."""
+    if isinstance(prop, CharucoBoard):
+        return _on_board(prop, np.array(_opencv_board(prop).getObjPoints()))
+    flat = prop.marker_m / 2 * _CORNERS
+    if isinstance(prop, GroundTile):
+        return np.append(flat, np.full((4, 1), _FRONT_M), axis=1)[None]
+    return np.array([prop.side_m / 2 * np.array(n) + flat @ [right, np.cross(n, right)] for n, right in _FACES])
+
+
+def _opencv_board(board: CharucoBoard) -> cv2.aruco.CharucoBoard:
+    dictionary = cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, board.dictionary))
+    return cv2.aruco.CharucoBoard(board.squares, board.square_m, board.marker_m, dictionary)
+
+
+def _on_board(board: CharucoBoard, points: np.ndarray) -> np.ndarray:
+    """Points of OpenCV, whose board has its origin at the top left and y down."""
+    across, down, _ = np.moveaxis(points, -1, 0)
+    columns, rows = board.squares
+    x, y = across - columns * board.square_m / 2, rows * board.square_m / 2 - down
+    return np.stack([x, y, np.full_like(x, _FRONT_M)], axis=-1)

@@ -14,7 +14,7 @@ from posefuse_sim import Scene
 from posefuse_sim.build import LiveScene, live_scene
 from posefuse_sim.gazebo import GazeboWorld
 from posefuse_sim.gazebo.export import shown_scene
-from posefuse_sim.scene import write_scene
+from posefuse_sim.scene import scene_text
 
 _HERE = Path(__file__).parent
 # every axis of the image and both focal lengths differ, so that nothing can be taken for another
@@ -57,9 +57,9 @@ def scene() -> Scene:
 @pytest.fixture(scope="session")
 def written(tmp_path_factory) -> Written:
     folder = tmp_path_factory.mktemp("gazebo")
-    write_scene(SCENE, folder)
+    (folder / "scene.yaml").write_text(scene_text(SCENE))
     world = pf.gazebo_world(folder / "scene.yaml", folder / "world")
-    return Written(world, live_scene(shown_scene(SCENE)[0]))
+    return Written(world, live_scene(shown_scene(SCENE)))
 
 
 def _compiled(name: str, package: str, debian: str, folder: Path) -> Path:

@@ -69,7 +69,7 @@ def gazebo_world(scene: str | Path, out: str | Path, *, replace: bool = False) -
         out: new or empty folder; with `replace` an earlier world is moved to ``NAME.replaced-TIME``.
 
     Returns:
-        What was written: folder, rig, seconds until the motion starts again, and what of the scene Gazebo cannot show.
+        What was written: folder, rig, seconds until the motion starts again.
 
     Raises:
         ConfigError: a scene that cannot be, or not in Gazebo.

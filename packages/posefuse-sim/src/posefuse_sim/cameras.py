@@ -83,7 +83,6 @@ class SensorSettings:
         offset_s: what its clock shows when the session clock shows 0; the time stamps carry it.
         drift_ppm: how much faster its clock runs than the session clock, in parts per million.
         jitter_s: standard deviation of the moment of exposure; the time stamps know it.
-        stamp_noise_s: standard deviation of an error of the time stamps.
         drop_fraction: share of frames that are lost, at random.
         readout_s: rolling shutter, from first to last row; 0 is a global shutter.
         shutter_bands: horizontal bands in which a rolling shutter is rendered.
@@ -98,7 +97,6 @@ class SensorSettings:
     offset_s: float = 0.0
     drift_ppm: Annotated[float, Gt(-100_000), Lt(100_000)] = 0.0
     jitter_s: Annotated[float, Ge(0)] = 0.0
-    stamp_noise_s: Annotated[float, Ge(0)] = 0.0
     drop_fraction: Annotated[float, Ge(0), Lt(1)] = 0.0
     readout_s: Annotated[float, Ge(0)] = 0.0
     shutter_bands: Annotated[int, Ge(2), Le(MOST_SIDE_PX)] = 8
@@ -200,26 +198,26 @@ def _ring_spots(ring: RingCameras) -> list[Point]:
 
 
 def rig_from_cameras(placed: tuple[PlacedCamera, ...]) -> Rig:
-    """The exact rig; raises ConfigError naming the camera whose lens, matrix or direction cannot be."""
-    return Rig(tuple(_camera(one) for one in placed), world_set_by="simulated", residual_px=0.0)
+    """The exact rig; raises ConfigError naming the camera whose name, lens, matrix or direction cannot be."""
+    try:
+        return Rig(tuple(_camera(one) for one in placed), world_set_by="simulated", residual_px=0.0)
+    except PosefuseError as error:
+        raise ConfigError(f"cameras: {error}") from None
 
 
 def _camera(placed: PlacedCamera) -> Camera:
     width, height = placed.image.size_px
     focal = width / 2 / np.tan(np.deg2rad(placed.image.horizontal_fov_deg) / 2)
     intrinsics = placed.image.K or [[focal, 0, (width - 1) / 2], [0, focal, (height - 1) / 2], [0, 0, 1]]
-    try:
-        return Camera(
-            name=placed.name,
-            size_wh=(width, height),
-            K=np.array(intrinsics),
-            cam_from_world=_cam_from_world(placed),
-            distortion=np.array(placed.image.distortion),
-            model=placed.image.lens,
-            readout_s=placed.sensor.readout_s,
-        )
-    except PosefuseError as error:
-        raise ConfigError(f"cameras: {error}") from None
+    return Camera(
+        name=placed.name,
+        size_wh=(width, height),
+        K=np.array(intrinsics),
+        cam_from_world=_cam_from_world(placed),
+        distortion=np.array(placed.image.distortion),
+        model=placed.image.lens,
+        readout_s=placed.sensor.readout_s,
+    )
 
 
 def _cam_from_world(placed: PlacedCamera) -> SE3:

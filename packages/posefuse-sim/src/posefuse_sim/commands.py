@@ -63,8 +63,7 @@ def simulate(
         "cameras": ", ".join(figures["cameras"]),
         "people": figures["people"],
         "frames": figures["frames"],
-        "recording": f"{figures['duration_s']:g} s, {figures['megabytes']:.1f} MB",
-        "rendered in": f"{figures['seconds']:.1f} s ({figures['frames_per_s']:.1f} frames/s)",
+        "rendered in": f"{figures['seconds']:.1f} s",
         "session": str(folder),
     }
     terminal.show([Heading("Simulated"), Facts(facts)])
@@ -76,20 +75,14 @@ def simulate(
 def _figures(folder: Path, seconds: float) -> dict[str, Any]:
     """Of a session that was rendered in so many seconds."""
     from posefuse.formats.truth import read_truth
-    from posefuse_sim.scene import read_scene
     from posefuse_sim.session import SessionPaths
 
-    paths = SessionPaths(folder)
-    truth = read_truth(paths.truth)
-    frames = sum(len(view.t_ns) for view in truth.views)
+    truth = read_truth(SessionPaths(folder).truth)
     return {
         "cameras": list(truth.rig.names),
         "people": len(truth.person_id),
-        "frames": frames,
-        "duration_s": read_scene(paths.scene).duration_s,
+        "frames": sum(len(view.t_ns) for view in truth.views),
         "seconds": seconds,
-        "frames_per_s": frames / seconds,
-        "megabytes": sum(path.stat().st_size for path in paths.videos.rglob("*") if path.is_file()) / 1e6,
         "out": folder,
     }
 

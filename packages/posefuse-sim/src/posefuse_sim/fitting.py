@@ -206,13 +206,11 @@ class NoiseFit:
     Attributes:
         noise: the model. samples: looks that it was fitted to.
         ratio: mean of (error / sigma)^2 per axis, each quarter of the scenes judged by a fit to the others; 1 is right.
-        ratio_of: the same by keypoint.
     """
 
     noise: NoiseModel
     samples: int
     ratio: float
-    ratio_of: dict[str, float]
 
 
 def collect(folder: Path, detector: TopDownDetector | OneStageDetector, seed: int) -> NoiseSamples:
@@ -248,7 +246,6 @@ def collect(folder: Path, detector: TopDownDetector | OneStageDetector, seed: in
 
 def fit_noise(scenes: Sequence[NoiseSamples], made_by: str) -> NoiseFit:
     """The model of greatest likelihood of all scenes, judged by fits that leave each fourth of them out."""
-    names = scenes[0].names
     ratios = []
     for part in range(_PARTS):
         others = [one for i, one in enumerate(scenes) if i % _PARTS != part]
@@ -257,13 +254,7 @@ def fit_noise(scenes: Sequence[NoiseSamples], made_by: str) -> NoiseFit:
             ratios.append(_ratio(_stacked(mine), _model(_stacked(others), made_by)))
     everything = _stacked(scenes)
     judged = np.concatenate(ratios) if ratios else _ratio(everything, _model(everything, made_by))
-    by_keypoint = np.nanmean(judged, axis=(0, 2))
-    return NoiseFit(
-        _model(everything, made_by),
-        len(everything.error),
-        float(np.nanmean(judged)),
-        dict(zip(names, by_keypoint.tolist(), strict=True)),
-    )
+    return NoiseFit(_model(everything, made_by), len(everything.error), float(np.nanmean(judged)))
 
 
 def noise_text(noise: NoiseModel) -> str:
@@ -457,18 +448,11 @@ class FittedCard:
             "joint_centres": self.joint_centres_file,
             "crops": self.noise.samples,
             "squared_error_over_variance": self.noise.ratio,
-            "by_keypoint": self.noise.ratio_of,
         }
 
     def summary(self) -> list[Block]:
         """The noise, for people."""
-        ratio_of = self.noise.ratio_of
-        facts = {
-            "crops": self.noise.samples,
-            "squared error over variance": f"{self.noise.ratio:.2f} per axis; 1 is right",
-            "surest": min(ratio_of, key=lambda name: ratio_of[name]),
-            "least sure": max(ratio_of, key=lambda name: ratio_of[name]),
-        }
+        facts = {"crops": self.noise.samples, "squared error over variance": f"{self.noise.ratio:.2f} per axis; 1 is right"}
         return [Heading("Noise of people left out of the fit"), Facts(facts)]
 
 

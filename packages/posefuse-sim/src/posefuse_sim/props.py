@@ -1,4 +1,4 @@
-"""Calibration objects: settings, exact geometry of their markers, the textured mesh that is rendered, and how they move.
+"""Calibration objects: settings, the textured mesh that is rendered, and how they move.
 
 The own axes of a prop: origin at its centre; a board's x to the right and y up as printed, z out of the printed side.
 """
@@ -6,17 +6,16 @@ The own axes of a prop: origin at its centre; a board's x to the right and y up 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Annotated, Any, Literal
+from typing import Annotated, Literal
 
 import cv2
 import numpy as np
 from annotated_types import Ge, Gt
 from pydantic import Field
 
-from posefuse.calibration.targets.kinds import black_modules, board_picture
+from posefuse.calibration.targets.kinds import black_modules, board_picture, dictionary_of
 from posefuse.core import SE3, ConfigError
 from posefuse.core.arrays import Array, freeze_fields
-from posefuse.core.errors import choices
 from posefuse.foundation.settings import settings
 
 Point = tuple[float, float, float]
@@ -108,7 +107,6 @@ _PRINTED = 4
 # white border around the squares of a board
 _MARGIN_M = 0.02
 _PAPER_WHITE = 235
-_DICTIONARIES = tuple(name for name in dir(cv2.aruco) if name.startswith("DICT_"))
 # outward normal, right and up of each face as printed; right x up = normal
 _CUBE_FACES = np.array(
     [
@@ -183,7 +181,6 @@ class GroundTile:
 
 PropSettings = Annotated[ArucoCube | CharucoBoard | GroundTile, Field(discriminator="kind")]
 Path = StillPath | WavedPath
-_OUT_OF_PLATE = np.array([0.0, 0.0, 1.0])
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -191,30 +188,18 @@ class Prop:
     """A rigid thing with markers on it.
 
     Attributes:
-        name, kind, dictionary: as in the scene.
-        marker_id: (M,) ids.
-        points_prop: (4 M + Q, 3) all points whose pixels the truth knows, metres: the corners of each marker in OpenCV's order
-            (top left, then clockwise), then the inner chessboard corners of a ChArUco board.
-        normals_prop: (4 M + Q, 3) outward unit normals of the sides those points are printed on.
         vertices: (24, 3) of a box, see `BOX_TRIANGLES`. uv: (24, 2) texture coordinates from the image's top left.
         texture: (H, W, 3) uint8 RGB.
         path: how it moves.
     """
 
-    name: str
-    kind: str
-    dictionary: str
-    marker_id: Array
-    points_prop: Array
-    normals_prop: Array
     vertices: Array
     uv: Array
     texture: Array
     path: Path
 
     def __post_init__(self) -> None:
-        dtypes = {"marker_id": np.int64, "texture": np.uint8}
-        freeze_fields(self, dtypes | dict.fromkeys(("points_prop", "normals_prop", "vertices", "uv"), np.float64))
+        freeze_fields(self, {"texture": np.uint8, "vertices": np.float64, "uv": np.float64})
 
 
 def prop_from_settings(prop: ArucoCube | CharucoBoard | GroundTile) -> Prop:
@@ -224,25 +209,18 @@ def prop_from_settings(prop: ArucoCube | CharucoBoard | GroundTile) -> Prop:
     if prop.marker_m >= prop.side_m:
         raise ConfigError(f"prop {prop.name}: marker_m {prop.marker_m} leaves no white border inside side_m {prop.side_m}")
     if isinstance(prop, GroundTile):
-        corners = _BOX[_PRINTED] * np.array([prop.marker_m, prop.marker_m, _PLATE_M]) / 2
-        plate = _plate(np.full(2, prop.side_m), *_marker_print(prop, prop.id))
-        return _made(prop, np.array([prop.id]), corners, _OUT_OF_PLATE, plate)
+        return _plate(prop.path, np.full(2, prop.side_m), *_marker_print(prop, prop.id))
     return _cube(prop)
 
 
 def _cube(prop: ArucoCube) -> Prop:
-    half = prop.side_m / 2
-    ids = prop.first_id + np.arange(6)
     pictures, uv = [], []
-    for i, marker_id in enumerate(ids.tolist()):
-        picture, half_uv = _marker_print(prop, marker_id)
+    for i in range(6):
+        picture, half_uv = _marker_print(prop, prop.first_id + i)
         pictures.append(picture)
         uv.append((0.5 + half_uv * _SQUARE_UV + [i % 3, i // 3]) / [3, 2])
     atlas = np.vstack([np.hstack(pictures[:3]), np.hstack(pictures[3:])])
-    normal = _CUBE_FACES[:, :1]
-    corners = half * normal + prop.marker_m / 2 * (_BOX - normal)
-    normals = np.repeat(normal, 4, axis=1).reshape(-1, 3)
-    return _made(prop, ids, corners.reshape(-1, 3), normals, (half * _BOX.reshape(-1, 3), np.concatenate(uv), atlas))
+    return _made(prop.path, prop.side_m / 2 * _BOX.reshape(-1, 3), np.concatenate(uv), atlas)
 
 
 def _board(prop: CharucoBoard) -> Prop:
@@ -252,37 +230,22 @@ def _board(prop: CharucoBoard) -> Prop:
     dictionary = _dictionary(prop.name, prop.dictionary, (columns * rows) // 2 - 1)
     board = cv2.aruco.CharucoBoard((columns, rows), prop.square_m, prop.marker_m, dictionary)
     square_px = max(48, 1536 // max(columns, rows))
-    size_m = np.array([columns, rows]) * prop.square_m
-    full_m = size_m + 2 * _MARGIN_M
-    plate = _plate(full_m, *_printed(board_picture(board, square_px), square_px / prop.square_m, full_m))
-
-    # OpenCV's board has its origin at the top left, y down
-    def centred(points: Array) -> Array:
-        flat = np.asarray(points, np.float64)[..., :2] - size_m / 2
-        return np.stack([flat[..., 0], -flat[..., 1], np.full(flat.shape[:-1], _PLATE_M / 2)], axis=-1)
-
-    ids, markers = np.asarray(board.getIds()).ravel(), centred(np.array(board.getObjPoints()))
-    chess = centred(np.asarray(board.getChessboardCorners()))
-    return _made(prop, ids, np.concatenate([markers.reshape(-1, 3), chess]), _OUT_OF_PLATE, plate)
+    full_m = np.array([columns, rows]) * prop.square_m + 2 * _MARGIN_M
+    return _plate(prop.path, full_m, *_printed(board_picture(board, square_px), square_px / prop.square_m, full_m))
 
 
-def _made(
-    prop: ArucoCube | CharucoBoard | GroundTile, ids: Array, points: Array, normals: Array, shown: tuple[Array, Array, Array]
-) -> Prop:
-    """A prop of ids (M,), points and their normals (n, 3); shown: vertices and texture coordinates of a box, and an image."""
-    about: dict[str, Any] = {name: getattr(prop, name) for name in ("name", "kind", "dictionary", "path")}
-    vertices, uv, picture = shown
+def _made(path: Path, vertices: Array, uv: Array, picture: Array) -> Prop:
+    """A prop of vertices and texture coordinates of a box, and an image."""
     texture, used = _power_of_two(picture)
-    about |= {"vertices": vertices, "uv": uv * used, "texture": texture}
-    return Prop(**about, marker_id=ids, points_prop=points, normals_prop=np.broadcast_to(normals, points.shape))
+    return Prop(vertices=vertices, uv=uv * used, texture=texture, path=path)
 
 
-def _plate(size_m: Array, picture: Array, half_uv: Array) -> tuple[Array, Array, Array]:
-    """A thin box, printed on its +z side and plain elsewhere: vertices (24, 3), uv (24, 2), and the image as it was given."""
+def _plate(path: Path, size_m: Array, picture: Array, half_uv: Array) -> Prop:
+    """A thin box, printed on its +z side and plain elsewhere."""
     # the unprinted sides show one white spot of the border
     uv = np.tile(0.5 - half_uv * np.ones(2), (6, 4, 1))
     uv[_PRINTED] = 0.5 + half_uv * _SQUARE_UV
-    return (_BOX * np.array([*size_m, _PLATE_M]) / 2).reshape(-1, 3), uv.reshape(-1, 2), picture
+    return _made(path, (_BOX * np.array([*size_m, _PLATE_M]) / 2).reshape(-1, 3), uv.reshape(-1, 2), picture)
 
 
 def _marker_print(prop: ArucoCube | GroundTile, marker_id: int) -> tuple[Array, Array]:
@@ -304,9 +267,7 @@ def _printed(white: Array, px_per_m: float, size_m: Array) -> tuple[Array, Array
 
 
 def _dictionary(name: str, dictionary_name: str, highest_id: int) -> cv2.aruco.Dictionary:
-    if dictionary_name not in _DICTIONARIES:
-        raise ConfigError(f"prop {name}: dictionary: no {dictionary_name!r}; there are: {choices(_DICTIONARIES)}")
-    dictionary = cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, dictionary_name))
+    dictionary: cv2.aruco.Dictionary = dictionary_of(dictionary_name)
     if highest_id >= len(dictionary.bytesList):
         raise ConfigError(
             f"prop {name}: {dictionary_name} has {len(dictionary.bytesList)} markers, marker {highest_id} is needed"

@@ -1,27 +1,23 @@
-"""Scene files: everything a simulated session consists of, each key with its unit and default; and the folder that keeps one."""
+"""Scene files: everything a simulated session consists of, each key with its unit and default."""
 
 from __future__ import annotations
 
 import dataclasses
-import shutil
-from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
-from typing import Annotated, Any, Literal, cast
+from typing import Annotated, Any, Literal
 
 import yaml
 from annotated_types import Ge, Gt, Le
 from pydantic import Field
 
-from posefuse.core import ConfigError
-from posefuse.core.errors import choices
 from posefuse.foundation.parsing import plain
 from posefuse.foundation.settings import read_settings, settings
 
 from .body import BodyShapeSettings
-from .cameras import CameraSettings, placed_cameras
+from .cameras import CameraSettings
 from .motion import MotionSettings
-from .motion.settings import check_motion
+from .motion.settings import RecordedSettings
 from .props import PropSettings
 from .surroundings import OccluderSettings, RoomSettings
 
@@ -87,72 +83,32 @@ class Scene:
 def read_scene(path: Path) -> Scene:
     """Read a scene file (YAML or TOML); raises ConfigError in one line naming file, key, expected and got.
 
-    Motion files are looked for from the scene file's folder.
+    Motion files are looked for from the scene file's folder; the scene has their whole paths.
     """
-    scene = with_motion_files(read_settings(path, Scene), lambda _, file: str(path.parent / file))
-    try:
-        check_scene(scene)
-    except ConfigError as error:
-        raise ConfigError(f"{path}: {error}") from None
-    return scene
+    return _with_motion_files(read_settings(path, Scene), path.absolute().parent)
 
 
-def with_motion_files(scene: Scene, moved: Callable[[int, str], str]) -> Scene:
-    """The scene with the motion file of each person, where there is one, replaced by `moved(place of the person, file)`."""
+def _with_motion_files(scene: Scene, folder: Path) -> Scene:
     people = []
-    for i, person in enumerate(scene.people):
-        file = getattr(person.motion, "file", None)
-        motion = person.motion if file is None else replace(cast(Any, person.motion), file=moved(i, file))
-        people.append(replace(person, motion=motion))
+    for person in scene.people:
+        if isinstance(person.motion, RecordedSettings):
+            person = replace(person, motion=replace(person.motion, file=str(folder / person.motion.file)))
+        people.append(person)
     return replace(scene, people=tuple(people))
 
 
 def motion_files(scene: Scene) -> tuple[Path, ...]:
     """The motion files and folders that the scene is made from."""
-    files = [getattr(person.motion, "file", None) for person in scene.people]
-    return tuple(Path(file) for file in files if file is not None)
-
-
-def check_scene(scene: Scene) -> None:
-    """Raise ConfigError for names that are taken twice, and settings of other kinds, before it is built."""
-    _check_unique("cameras: name", [camera.name for camera in placed_cameras(scene.cameras)])
-    _check_unique("props: name", [prop.name for prop in scene.props])
-    for i, person in enumerate(scene.people):
-        check_motion(person.motion, f"people.{i}.motion")
-
-
-def _check_unique(what: str, names: list[str]) -> None:
-    twice = sorted({name for name in names if names.count(name) > 1})
-    if twice:
-        raise ConfigError(f"{what}: used twice: {choices(twice)}; give each its own")
+    motions = [person.motion for person in scene.people]
+    return tuple(Path(motion.file) for motion in motions if isinstance(motion, RecordedSettings))
 
 
 SCENE_FILE = "scene.yaml"
 
 
-def write_scene(scene: Scene, folder: Path) -> None:
-    """Write scene.yaml, every setting in it, and copy the motion files: the folder holds all it was made from."""
-    (folder / SCENE_FILE).write_text(scene_text(scene), encoding="utf-8")
-    with_motion_files(scene, lambda i, file: _copied(Path(file), folder / _motion_name(i, file)))
-
-
 def scene_text(scene: Scene) -> str:
-    """The content of scene.yaml: every setting, motion files as the session holds them."""
-    return yaml.safe_dump(plain_settings(with_motion_files(scene, _motion_name)), sort_keys=False)
-
-
-def _motion_name(person: int, file: str) -> str:
-    return f"motion/{person}-{Path(file).name}"
-
-
-def _copied(file: Path, into: Path) -> str:
-    """Copy a motion file or folder, so that the session holds all it was made from."""
-    into.parent.mkdir(exist_ok=True)
-    if file.is_dir():
-        shutil.copytree(file, into, dirs_exist_ok=True)
-    else:
-        shutil.copyfile(file, into)
-    return str(into)
+    """The content of scene.yaml: every setting."""
+    return yaml.safe_dump(plain_settings(scene), sort_keys=False)
 
 
 def plain_settings(settings: Any) -> Any:

@@ -6,7 +6,6 @@ SESSION/depth/<camera>/       `formats.image_folders`, of cameras with depth
 SESSION/scene.yaml            every setting, defaults written out
 SESSION/truth/truth.npz       `posefuse.formats.truth`
 SESSION/truth/shots.npz       per camera number i: seq<i>, t<i>_ns (true), stamp<i>_ns (in the video)
-SESSION/truth/props.npz       `exact.prop_truth`, when the scene has props
 SESSION/posefuse-folder.json  `foundation.output_folder`: the command that made it
 
 It is made in a staging folder (`foundation.output_folder`). What an interrupted run left there is continued by the next run of
@@ -33,20 +32,16 @@ from posefuse.foundation.output_folder import check_replaceable, find_unfinished
 from posefuse.foundation.platform import usable_cores
 
 from .build import LiveScene, live_scene
-from .exact import flesh_of_points, prop_truth, truth_with
+from .exact import flesh_of_points, truth_with
 from .files import write_frame_times, write_truth
 from .render.model import render_model
 from .render.shot import exposed, moments_of
 from .render.stage import working_backend
 from .render.workers import FrameRun, RenderJob, image_name, render_all
-from .scene import SCENE_FILE, H264Settings, Scene, motion_files, scene_text, write_scene
+from .scene import SCENE_FILE, H264Settings, Scene, motion_files, scene_text
 
 Progress = Callable[[int, int], None]
 _COMMAND = "simulate"
-# measured on the bundled scene: bytes per pixel of every frame
-_H264_BYTES, _H264_AT_CRF, _CRF_THAT_HALVES = 0.0045, 23, 6
-_JPEG_BYTES = 0.18
-_DEPTH_BYTES = 1.0
 
 
 def simulate(
@@ -65,7 +60,7 @@ def simulate(
         replace: an earlier session is moved to ``NAME.replaced-TIME``, and stays there, when the new one is complete.
 
     Raises:
-        ConfigError: the scene cannot be. InputError: `out` holds something else, cannot be written, or there is too little room.
+        ConfigError: the scene cannot be. InputError: `out` holds something else, or cannot be written.
         DependencyError: no OpenGL, or the extra ``sim`` is missing.
     """
     check_replaceable(out, command=_COMMAND, replace=replace)
@@ -80,7 +75,6 @@ def simulate(
             command=_COMMAND,
             inputs=motion_files(scene),
             replace=replace,
-            estimated_bytes=0 if unfinished else estimated_session_bytes(live),
             keep_unfinished=True,
             unfinished=unfinished,
         ) as made:
@@ -106,21 +100,10 @@ def _unfinished(out: Path, scene: Scene) -> Path | None:
     return same
 
 
-def estimated_session_bytes(live: LiveScene) -> int:
-    """About how much the session will take on disk; videos twice, because they are joined from parts."""
-    record = live.scene.record
-    sizes = {shots.camera: len(shots) * int(np.prod(camera.size_wh)) for shots, camera in zip(live.shots, live.rig, strict=True)}
-    pixels = sum(sizes.values())
-    depth = _DEPTH_BYTES * sum(sizes[camera.name] for camera in live.placed if camera.sensor.depth)
-    if isinstance(record, H264Settings):
-        return round(2 * pixels * _H264_BYTES * 2 ** ((_H264_AT_CRF - record.crf) / _CRF_THAT_HALVES) + depth)
-    return round(pixels * _JPEG_BYTES + depth)
-
-
 def _begin(paths: SessionPaths, scene: Scene) -> None:
     for folder in (paths.videos, paths.truth.parent, paths.parts):
         folder.mkdir(exist_ok=True)
-    write_scene(scene, paths.folder)
+    paths.scene.write_text(scene_text(scene), encoding="utf-8")
 
 
 def _job(live: LiveScene, backend: str) -> RenderJob:
@@ -151,14 +134,14 @@ class SessionPaths:
 
     Attributes:
         folder: the session. rig: the exact cameras. videos: one video or image folder per camera. scene: every setting.
-        truth: `core.Truth`. shots: true and stamped times of every frame. props: exact poses and pixels of the props.
+        truth: `core.Truth`. shots: true and stamped times of every frame.
         parts: finished runs of frames of an unfinished session.
     """
 
     def __init__(self, folder: Path) -> None:
         self.folder, truth = folder, folder / "truth"
         self.rig, self.videos, self.scene, self.parts = (folder / name for name in ("rig.toml", "videos", SCENE_FILE, "parts"))
-        self.truth, self.shots, self.props = (truth / f"{name}.npz" for name in ("truth", "shots", "props"))
+        self.truth, self.shots = (truth / f"{name}.npz" for name in ("truth", "shots"))
 
     def depth(self, camera: str) -> Path:
         """The depth images of a camera."""
@@ -228,6 +211,4 @@ def finish_session(live: LiveScene, paths: SessionPaths) -> None:
     write_rig(paths.rig, live.rig)
     write_truth(paths.truth, truth_with(live, visible))
     write_arrays(paths.shots, times)
-    if live.props:
-        write_arrays(paths.props, prop_truth(live, visible))
     shutil.rmtree(paths.parts)

@@ -115,10 +115,6 @@ class Box:
     def __post_init__(self) -> None:
         freeze_fields(self, {"half_m": np.float64})
 
-    def contains(self, xyz_world: Array) -> Array:
-        """(...) whether points (..., 3) are inside."""
-        return np.asarray((np.abs(self.world_from_box.inverse() @ xyz_world) <= self.half_m).all(axis=-1))
-
     def between(self, eye_world: Array, xyz_world: Array) -> Array:
         """(...) whether the straight line from the eye (3,) to points (..., 3) meets the box (slab method)."""
         box_from_world = self.world_from_box.inverse()

@@ -32,7 +32,7 @@ _TORSO = ("spine", "clavicle", "shoulder", "upperarm")
 
 
 def completed_shape(settings: BodyShapeSettings) -> BodyShapeSettings:
-    """The same settings with nothing left open but the weight; the same seed always decides the same."""
+    """The same settings with nothing left open; the same seed always decides the same."""
     drawn, sigmas = (_AVERAGE, 0.0) if settings.random_seed is None else _drawn(settings.random_seed)
     decided = drawn | {name: value for name, value in vars(settings).items() if value is not None}
     height_m = settings.height_m or _stature(decided["sex"], decided["age_years"], sigmas)
@@ -85,7 +85,7 @@ class SimulatedBody(RestMesh):
     """One body: what the renderer draws and what is true about it. Made by `build_body`.
 
     Attributes:
-        settings: everything decided, nothing None but `random_seed` and `weight_kg`.
+        settings: everything decided, nothing None but `random_seed`.
         bone_centre: (B, 3) rest point each bone turns about.
         colour_group: (V,) int into `GROUPS`. colours: (G, 3) red, green, blue in [0, 1].
         segment_axes: (S, 3, 3) rest axes of `SEGMENTS` as columns X, Y, Z. segment_origin: (S, 3).
@@ -160,7 +160,7 @@ class SimulatedBody(RestMesh):
 
 
 def build_body(settings: BodyShapeSettings) -> SimulatedBody:
-    """Make a body; raises ConfigError for a stature or weight the body model cannot take."""
+    """Make a body; raises ConfigError for a stature that the body model cannot take."""
     decided = completed_shape(settings)
     mesh = rest_mesh(decided)
     axes, origin = anatomy.rest_segment_frames(mesh)

@@ -25,10 +25,7 @@ from posefuse.foundation.settings import settings
 _BODY = Path(__file__).with_name("body.npz")
 _SLIDERS = ("gender", "age", "muscle", "weight", "height")
 _AGE_YEARS = (1.0, 11.0, 25.0, 85.0)
-_DENSITY_KG_M3 = 980.0
-_ROUNDS = 6
 _HEIGHT_TOLERANCE_M = 1e-3
-_WEIGHT_TOLERANCE_KG = 0.2
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -76,19 +73,17 @@ class ShapeModel:
         points = self._mean + np.tensordot(share, self._shapes, axes=1)
         return points[: len(self.bone_index)], points[len(self.bone_index) :]
 
-    def stature_and_mass(self, sliders: dict[str, float]) -> tuple[float, float]:
-        """In metres and kilograms."""
+    def stature_m(self, sliders: dict[str, float]) -> float:
+        """Of the body at these sliders."""
         vertices, _ = self.at(sliders)
-        corners = vertices[self.faces]
-        volume = abs(np.einsum("fi,fi->", np.cross(corners[:, 0], corners[:, 1]), corners[:, 2])) / 6
-        return float(np.ptp(vertices[:, 2])), float(volume * _DENSITY_KG_M3)
+        return float(np.ptp(vertices[:, 2]))
 
 
 _model = lru_cache(maxsize=1)(ShapeModel)
 
 
 def rest_mesh(settings: BodyShapeSettings) -> RestMesh:
-    """The mesh of a body; raises ConfigError for a stature or weight the body model cannot take."""
+    """The mesh of a body; raises ConfigError for a stature that the body model cannot take."""
     model, keypoints = _model(), SKELETONS["anatomical23"]
     vertices, heads = model.at(_solved_sliders(settings))
     hips = model.keypoint_weight[keypoints.indices(["left_hip", "right_hip"])] @ vertices
@@ -106,7 +101,7 @@ def rest_mesh(settings: BodyShapeSettings) -> RestMesh:
 
 
 def _solved_sliders(settings: BodyShapeSettings) -> dict[str, float]:
-    """Sliders of the body model for the asked stature and mass, one after the other until both hold."""
+    """Sliders of the body model for the asked stature."""
     sex, age_years, muscle, height_m = settings.sex, settings.age_years, settings.muscle, settings.height_m
     assert not (sex is None or age_years is None or muscle is None or height_m is None), "`completed_shape` decides them"
     sliders = {
@@ -114,16 +109,8 @@ def _solved_sliders(settings: BodyShapeSettings) -> dict[str, float]:
         "age": float(np.interp(age_years, _AGE_YEARS, np.linspace(0, 1, len(_AGE_YEARS)))),
         "muscle": float(muscle),
         "weight": 0.5,
-        "height": 0.5,
     }
-    for _ in range(_ROUNDS):
-        _solve(sliders, "height", height_m, place=0, key="height_m", unit="m", tolerance=_HEIGHT_TOLERANCE_M)
-        if settings.weight_kg is None:
-            break
-        _solve(sliders, "weight", settings.weight_kg, place=1, key="weight_kg", unit="kg", tolerance=_WEIGHT_TOLERANCE_KG)
-        if abs(_model().stature_and_mass(sliders)[0] - height_m) < _HEIGHT_TOLERANCE_M:
-            break
-    return sliders
+    return sliders | {"height": _height_slider(sliders, height_m)}
 
 
 def masculine(sex: str | float) -> float:
@@ -131,20 +118,19 @@ def masculine(sex: str | float) -> float:
     return {"female": 0.0, "male": 1.0}[sex] if isinstance(sex, str) else sex
 
 
-def _solve(sliders: dict[str, float], slider: str, wanted: float, place: int, key: str, unit: str, tolerance: float) -> None:
+def _height_slider(sliders: dict[str, float], height_m: float) -> float:
     def miss(value: float) -> float:
-        return _model().stature_and_mass(sliders | {slider: value})[place] - wanted
+        return _model().stature_m(sliders | {"height": value}) - height_m
 
     low, high = miss(0.0), miss(1.0)
-    if low > tolerance or high < -tolerance:
+    if low > _HEIGHT_TOLERANCE_M or high < -_HEIGHT_TOLERANCE_M:
         raise ConfigError(
-            f"{key}: expected {low + wanted:.2f} to {high + wanted:.2f} {unit} for this sex, age and build, "
-            f"got {wanted:.2f} {unit}"
+            f"height_m: expected {low + height_m:.2f} to {high + height_m:.2f} m for this sex, age and build, "
+            f"got {height_m:.2f} m"
         )
     if low < 0 < high:
-        sliders[slider] = float(brentq(miss, 0.0, 1.0, xtol=tolerance * 1e-3))
-    else:
-        sliders[slider] = 0.0 if low >= 0 else 1.0
+        return float(brentq(miss, 0.0, 1.0, xtol=_HEIGHT_TOLERANCE_M * 1e-3))
+    return 0.0 if low >= 0 else 1.0
 
 
 Colour = Annotated[str, Field(pattern=r"^#[0-9a-fA-F]{6}$")]
@@ -160,8 +146,6 @@ class BodyShapeSettings:
         sex: ``female``, ``male``, or anything between from 0 (female) to 1 (male); default male.
         age_years: 5 to 90 years; default 30.
         height_m: stature in metres; default: an average adult's (1.63 female, 1.77 male).
-        weight_kg: body mass; default: mid-range of what the body model offers at this stature; it offers a body mass index of
-            about 17 to 25 for adults, and the error of anything else names the range.
         muscle: 0 (slack) to 1 (athletic); default 0.5.
         shirt, trousers, shoes, skin, hair: ``#rrggbb``.
     """
@@ -170,7 +154,6 @@ class BodyShapeSettings:
     sex: Literal["female", "male"] | Unit | None = None
     age_years: Annotated[float, Ge(5), Le(90)] | None = None
     height_m: Annotated[float, Ge(0.9), Le(2.3)] | None = None
-    weight_kg: Annotated[float, Ge(10), Le(200)] | None = None
     muscle: Unit | None = None
     shirt: Colour | None = None
     trousers: Colour | None = None

@@ -28,7 +28,7 @@ from posefuse_sim.build import LiveScene, live_scene
 from posefuse_sim.cameras import ListedCameras, SensorSettings, placed_cameras
 from posefuse_sim.exact import truth_with, visible_to_all
 from posefuse_sim.files import write_loop, write_truth
-from posefuse_sim.scene import Scene, motion_files, write_scene
+from posefuse_sim.scene import SCENE_FILE, Scene, motion_files, scene_text
 
 from .animation import person_actor
 from .collada import write_collada
@@ -41,6 +41,7 @@ _EXECUTABLE = 0o755
 _TRUTH_HZ = 240.0
 # longest animation that is baked: one minute of a walk takes about 30 MB
 _MOST_ANIMATION_S = 600.0
+_NOT_SHOWN = "left out: props, depth, lost frames, rolling shutters, exposures and clocks of single cameras; see docs/gazebo.md"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -49,24 +50,20 @@ class GazeboWorld:
 
     Attributes:
         folder: where. rig: the cameras. people: number of actors that are persons. loop_s: when the motion starts again.
-        left_out: what of the scene Gazebo cannot show, in words.
     """
 
     folder: Path
     rig: Rig
     people: int
     loop_s: float
-    left_out: tuple[str, ...]
 
     @property
     def figures(self) -> dict[str, Any]:
         """Plain values."""
-        size = sum(path.stat().st_size for path in self.folder.rglob("*") if path.is_file())
         return {
             "cameras": list(self.rig.names),
             "people": self.people,
             "loop_s": self.loop_s,
-            "megabytes": size / 1e6,
             "out": self.folder,
         }
 
@@ -76,10 +73,9 @@ class GazeboWorld:
             "cameras": ", ".join(self.rig.names),
             "people": self.people,
             "motion": f"{self.loop_s:g} s, again and again",
-            "size": f"{self.figures['megabytes']:.1f} MB",
             "folder": str(self.folder),
         }
-        return [*(Note(line, warning=True) for line in self.left_out), Heading("Gazebo world"), Facts(facts)]
+        return [Heading("Gazebo world"), Facts(facts), Note(_NOT_SHOWN)]
 
 
 def export_world(scene: Scene, out: Path, *, replace_older: bool = False) -> GazeboWorld:
@@ -92,7 +88,7 @@ def export_world(scene: Scene, out: Path, *, replace_older: bool = False) -> Gaz
         ConfigError: the scene cannot be, or not in Gazebo. InputError: `out` holds anything else or cannot be written.
         DependencyError: the extra ``sim`` is missing.
     """
-    shown, left_out = shown_scene(scene)
+    shown = shown_scene(scene)
     per_frame = int(np.ceil(_TRUTH_HZ / shown.rate_hz))
     live = live_scene(replace(shown, rate_hz=shown.rate_hz * per_frame))
     drawn = [drawn_camera(camera) for camera in live.rig]
@@ -104,16 +100,10 @@ def export_world(scene: Scene, out: Path, *, replace_older: bool = False) -> Gaz
         _write(folder, "bridge.yaml", bridge_text(live.rig.names))
         _write(folder, "launch.sh", _LAUNCH)
         (folder / "launch.sh").chmod(_EXECUTABLE)
-        write_scene(shown, folder)
+        _write(folder, SCENE_FILE, scene_text(shown))
         write_rig(folder / "rig.toml", live.rig)
         _write_truth(live, folder / "truth")
-    return GazeboWorld(
-        folder=out,
-        rig=live.rig,
-        people=len(live.people),
-        loop_s=shown.duration_s,
-        left_out=tuple(left_out),
-    )
+    return GazeboWorld(folder=out, rig=live.rig, people=len(live.people), loop_s=shown.duration_s)
 
 
 def _write(folder: Path, name: str, text: str) -> None:
@@ -134,8 +124,8 @@ def _actors(live: LiveScene, rate_hz: float, folder: Path) -> list[str]:
     return names
 
 
-def shown_scene(scene: Scene) -> tuple[Scene, list[str]]:
-    """The scene as Gazebo shows it, its time beginning at 0, and what had to be left out, in words.
+def shown_scene(scene: Scene) -> Scene:
+    """The scene as Gazebo shows it, its time beginning at 0.
 
     Raises:
         ConfigError: it lasts too long, or less than a millisecond.
@@ -146,26 +136,12 @@ def shown_scene(scene: Scene) -> tuple[Scene, list[str]]:
             f"duration_s: expected 0.001 to {_MOST_ANIMATION_S:g} s for Gazebo, got {scene.duration_s:g} s; "
             "the animation begins again at its end, so a shorter scene continues as well"
         )
-    cameras, left_out = [], []
+    cameras = []
     for camera in placed_cameras(scene.cameras):
-        rate_hz = camera.sensor.rate_hz or scene.rate_hz
-        kept = SensorSettings(rate_hz=rate_hz, noise_dn=camera.sensor.noise_dn)
-        names = _set(replace(camera.sensor, rate_hz=rate_hz), kept)
-        if names:
-            left_out.append(f"{camera.name}: {', '.join(names)}: Gazebo's cameras have no such thing; left out")
-        cameras.append(replace(camera, sensor=kept))
-    if scene.start_s:
-        left_out.append(f"start_s: simulation time begins at 0, not at {scene.start_s:g} s")
-    if scene.props:
-        left_out.append(f"props: {', '.join(prop.name for prop in scene.props)}: rig.toml is exact; left out")
+        sensor = SensorSettings(rate_hz=camera.sensor.rate_hz or scene.rate_hz, noise_dn=camera.sensor.noise_dn)
+        cameras.append(replace(camera, sensor=sensor))
     listed = ListedCameras(kind="list", cameras=tuple(cameras))
-    return replace(scene, cameras=listed, props=(), duration_s=duration_s, start_s=0.0), left_out
-
-
-def _set(sensor: SensorSettings, kept: SensorSettings) -> list[str]:
-    """Names of the settings that are lost from `sensor` to `kept`; how finely a shutter is drawn is none by itself."""
-    silent = ("shutter_bands", "blur_samples")
-    return [name for name, value in vars(sensor).items() if name not in silent and value != getattr(kept, name)]
+    return replace(scene, cameras=listed, props=(), duration_s=duration_s, start_s=0.0)
 
 
 _LAUNCH = """\

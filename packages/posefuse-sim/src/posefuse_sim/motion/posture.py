@@ -157,15 +157,13 @@ _BALL_ON_FLOOR_M = 0.045
 _TOES_UP_MOST_RAD = np.deg2rad(65.0)
 
 
-def posture_between(t_s: Array, samples: BodyPosture, at_s: Array, loop: bool) -> BodyPosture:
+def posture_between(t_s: Array, samples: BodyPosture, at_s: Array) -> BodyPosture:
     """Postures at times (T,) between samples at times (n,): rotations along the shortest turn, the pelvis along a cubic spline.
 
     Args:
-        t_s: increasing, n >= 2. at_s: since the first. loop: start again after the end; otherwise the first and last pose stay.
+        t_s: increasing, n >= 2. at_s: the first and the last pose stay before and after them.
     """
-    first, last = t_s[0], t_s[-1]
-    at = at_s + first
-    at = first + np.mod(at - first, last - first) if loop else np.clip(at, first, last)
+    at = np.clip(at_s, t_s[0], t_s[-1])
     i = np.clip(np.searchsorted(t_s, at, side="right") - 1, 0, len(t_s) - 2)
     part = ((at - t_s[i]) / (t_s[i + 1] - t_s[i]))[:, None]
     axes = {name: slerp(turns[i], turns[i + 1], part) for name, turns in samples.axes_world.items()}

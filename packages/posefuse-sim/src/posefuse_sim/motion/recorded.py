@@ -11,7 +11,6 @@ The path of the pelvis is scaled by the ratio of the leg lengths about its start
 
 from __future__ import annotations
 
-import re
 from collections.abc import Callable
 from pathlib import Path
 
@@ -21,6 +20,7 @@ from posefuse.core import InputError
 from posefuse.core.arrays import Array
 from posefuse.core.errors import choices
 from posefuse.core.skeleton import SIDES
+from posefuse.evaluation.tracks import plain_name
 from posefuse.formats.recording import read_recording
 from posefuse.formats.trc import read_trc
 from posefuse_sim.body import SEGMENTS, SimulatedBody
@@ -36,7 +36,6 @@ Motion = Callable[[Array], BodyPosture]
 
 _NEEDED = tuple(f"{s}_{p}" for s in SIDES for p in ("hip", "knee", "ankle", "shoulder", "elbow", "wrist"))
 _OPTIONAL = ("nose", *(f"{s}_{p}" for s in SIDES for p in ("ear", "eye", "heel", "big_toe", "small_toe", "index", "pinky")))
-_SYNONYMS = {"toe": "bigtoe", "footindex": "bigtoe"}
 # between these sines of its bend a limb's plane takes over from the segment above
 _BENT = (0.1, 0.35)
 
@@ -44,8 +43,7 @@ _BENT = (0.1, 0.35)
 def from_trc(body: SimulatedBody, settings: RecordedSettings) -> Motion:
     """A TRC file as a motion of this body; raises InputError naming the file and the markers that are missing."""
     data = read_trc(Path(settings.file))
-    xyz = data.xyz_world if settings.up == "y" else data.xyz_world[..., [1, 2, 0]]
-    return motion_from_points(body, data.t_s, _named(data.names, xyz, settings.file), settings)
+    return motion_from_points(body, data.t_s, _named(data.names, data.xyz_world, settings.file), settings)
 
 
 def from_result(body: SimulatedBody, settings: RecordedSettings) -> Motion:
@@ -72,40 +70,26 @@ def motion_from_points(body: SimulatedBody, t_s: Array, points: Points, settings
     path[:, :2] += (start if settings.position_m is None else np.array(settings.position_m)) - path[0, :2]
     since_start_s = t_s - t_s[0]
     samples = on_floor(body, since_start_s, BodyPosture(path, axes, np.zeros((len(t_s), 2))))
-    return lambda at_s: posture_between(since_start_s, samples, at_s + settings.start_s, settings.loop)
+    return lambda at_s: posture_between(since_start_s, samples, at_s)
 
 
 _LEG = (("hip", "knee"), ("knee", "ankle"))
 
 
-def _plain(name: str) -> str:
-    text = re.sub(r"[^a-z0-9]", "", name.lower())
-    side = next((s for s in SIDES if text.startswith(s)), None)
-    part = text.removeprefix(side or "")
-    if side is None and text[:1] in "lr" and text[1:] in _PLAIN_PARTS:
-        side, part = ("left" if text[0] == "l" else "right"), text[1:]
-    return (side or "") + _SYNONYMS.get(part, part)
-
-
-_PLAIN_PARTS = {n.removeprefix("left_").replace("_", "") for n in (*_NEEDED, *_OPTIONAL) if n.startswith("left_")} | set(
-    _SYNONYMS
-)
-
-
 def _named(names: tuple[str, ...], xyz: Array, file: str) -> Points:
     """The used points out of all, gaps closed; raises InputError for needed ones that are not there."""
-    places = {_plain(name): i for i, name in reversed(list(enumerate(names)))}
-    missing = [n for n in _NEEDED if n.replace("_", "") not in places]
+    places = {plain_name(name): i for i, name in reversed(list(enumerate(names)))}
+    missing = [n for n in _NEEDED if n not in places]
     if missing:
         raise InputError(f"{file}: expected points for {choices(missing)}; there are: {choices(names)}")
     points = {}
     for name in (*_NEEDED, *_OPTIONAL):
-        place = places.get(name.replace("_", ""))
+        place = places.get(name)
         track = None if place is None else _closed(xyz[:, place])
         if track is not None:
             points[name] = track
         elif name in _NEEDED:
-            raise InputError(f"{file}: {names[places[name.replace('_', '')]]}: expected at least one finite position, got none")
+            raise InputError(f"{file}: {names[places[name]]}: expected at least one finite position, got none")
     return points
 
 

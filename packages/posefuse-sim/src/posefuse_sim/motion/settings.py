@@ -2,14 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import fields
 from typing import Annotated, Literal
 
 from annotated_types import Ge, Gt, Le
 from pydantic import Field
 
-from posefuse.core import ConfigError
-from posefuse.core.errors import choices
 from posefuse.foundation.settings import settings
 
 Place = tuple[float, float]
@@ -19,7 +16,7 @@ Side = Literal["left", "right"]
 
 @settings
 class StandSettings:
-    """Stands on one spot.
+    """Stands on one spot. Settings of another kind change nothing.
 
     Attributes:
         kind: ``tpose``: the arms exactly horizontal. ``idle``: at ease: sways, breathes, looks about. ``reach``: reaches for one
@@ -122,43 +119,15 @@ class RecordedSettings:
     """Motion from a file: the markers or keypoints of a TRC file, or a recorded posefuse result (Real2Sim).
 
     Attributes:
-        kind: ``trc``: by markers with the names of our keypoints, or OpenPose's. ``result``: a folder.
-        file: the file or folder. up: the vertical axis of a TRC file. person: which id of a result; None: the one seen longest.
-        position_m: where the pelvis is at the start; None keeps the place of the file or result.
-        start_s: the file's time shown at time 0. loop: start again at the end; otherwise the last pose stays.
+        kind: ``trc``: by markers named as our keypoints, in the spellings that `compare` reads (``RKnee``). ``result``: a folder.
+        file: the file or folder. person: which id of a result; None: the one seen longest.
+        position_m: where the pelvis is at the start; None keeps the place of the file or result. The last pose stays.
     """
 
     kind: Literal["trc", "result"]
     file: str
-    up: Literal["y", "z"] = "y"
     person: int | None = None
     position_m: Place | None = None
-    start_s: Annotated[float, Ge(0)] = 0.0
-    loop: bool = False
 
 
 MotionSettings = Annotated[StandSettings | WalkSettings | RecordedSettings, Field(discriminator="kind")]
-# what each kind has of the settings that not all kinds of its class have
-_OWN = {
-    "idle": ("sway",),
-    "reach": ("side", "period_s", "sway"),
-    "squat": ("period_s", "knee_flexion_deg"),
-    "wave": ("side", "period_s", "sway"),
-    "overhead": ("period_s",),
-    "sit": ("period_s",),
-    "turn": ("period_s",),
-    "trc": ("up",),
-    "result": ("person",),
-}
-_SHARED = ("kind", "file", "position_m", "start_s", "loop")
-
-
-def check_motion(motion: StandSettings | WalkSettings | RecordedSettings, where: str) -> None:
-    """Raise ConfigError for a setting of another kind of motion; `where` begins the message."""
-    if isinstance(motion, WalkSettings):
-        return
-    usual = {field.name: field.default for field in fields(motion)}
-    own = {*_SHARED, *_OWN.get(motion.kind, ()), *(("heading_deg",) if isinstance(motion, StandSettings) else ())}
-    for name, value in vars(motion).items():
-        if name not in own and value != usual[name]:
-            raise ConfigError(f"{where}.{name}: {motion.kind} has none; there are: {choices(sorted(own & usual.keys()))}")

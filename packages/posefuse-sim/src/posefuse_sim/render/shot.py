@@ -15,7 +15,7 @@ from posefuse.core.ideal_image import IdealOptics, SourceView, optics_of
 from posefuse.core.se3 import wxyz_from_matrix
 from posefuse_sim.build import LiveScene
 from posefuse_sim.cameras import DepthSettings, SensorSettings
-from posefuse_sim.exact import SeenPoints, flesh_of_points, seen_points
+from posefuse_sim.exact import SeenPoints, seen_points
 
 from .stage import RenderStage
 
@@ -76,13 +76,6 @@ def exposed(live: LiveScene, camera_index: int, frames: slice) -> tuple[Array, S
 def noise_seed(live: LiveScene, camera_index: int, frame: int) -> list[int]:
     """The numbers that the noise of a frame is drawn from."""
     return [live.scene.seed, 41, camera_index, int(live.shots[camera_index].seq[frame])]
-
-
-def shot_image(live: LiveScene, camera_index: int, frame: int, shooter: CameraShooter) -> Shot:
-    """One frame of a scene; its points are those of `exact.SeenPoints`."""
-    poses, seen = exposed(live, camera_index, slice(frame, frame + 1))
-    seed = noise_seed(live, camera_index, frame)
-    return shooter.shoot(poses[0], seen.xyz_world[0], seen.possible[0], flesh_of_points(live), seed)
 
 
 def moments_of(sensor: SensorSettings, height: int) -> tuple[ExposureMoment, ...]:
