@@ -6,11 +6,11 @@ from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
-import cv2
 import numpy as np
 import pytest
 from checks import refusal
 
+import posefuse as pf
 from posefuse.api.calibration_results import RigCalibration, saved_clocks
 from posefuse.api.rig_and_detector import rig_of
 from posefuse.calibration.clocks.sync import ClockEstimate
@@ -19,13 +19,12 @@ from posefuse.calibration.targets.coverage import ENOUGH_SHARE, ENOUGH_TOGETHER,
 from posefuse.calibration.targets.kinds import read_target
 from posefuse.core import CalibrationError, InputError
 from posefuse_studio import calibrations
-from posefuse_studio.calibrations import LENSES, NEAR_FAR, NOTHING, RIG, SEEN, Known, Project, SeenTarget, Step, StepResult
+from posefuse_studio.calibrations import LENSES, NOTHING, RIG, SEEN, STEPS, Known, Project, SeenTarget, Step, StepResult
 from posefuse_studio.work import calibrate
 from posefuse_studio.workspace import StudioWorkspace, read_stored, write_stored
 
 BARE = Project(name="room", setup="webcams")
 READY = replace(BARE, cube="targets/cube.toml", board="targets/board.toml")
-STEPS: tuple[Step, ...] = ("intrinsics", "extrinsics", "verify")
 SIZES = {"marker_mm": 100, "columns": 5, "rows": 4, "square_mm": 30}
 
 
@@ -97,12 +96,6 @@ def test_the_steps_come_in_order() -> None:
     assert after(*STEPS).next_step().action == "use"
 
 
-def test_lenses_from_the_cube_need_no_step_of_their_own() -> None:
-    project = replace(READY, lenses=False)
-    assert none_yet(project).next_step().step == "extrinsics"
-    assert after("extrinsics", project=project).lights("left")["intrinsics"].state == "good"
-
-
 def test_a_refusal_gives_the_remedy_until_something_new_is_filmed() -> None:
     refusal = result("extrinsics", False, detail="right saw it 3 times", remedy="show it to right")
     known = changed(after("intrinsics"), "extrinsics", recording="one", result=refusal)
@@ -126,13 +119,11 @@ def test_a_refusal_leads_to_the_step_that_is_to_blame(refused: Step, kind: Check
     known = changed(after(*STEPS), refused, result=refusal)
     step = known.next_step()
     assert (step.action, step.step) == ("record", again)
-    without = replace(known, project=replace(READY, lenses=False)).next_step()
-    assert without.step != "intrinsics"
 
 
 def test_clocks_of_an_earlier_calibration_are_not_applied(workspace: StudioWorkspace, monkeypatch, ring_rig: Any) -> None:
     recording = recorded(workspace, "extrinsics")
-    cube, board = calibrations.print_targets(workspace, SIZES, "a4", "verify")
+    cube, board = calibrations.print_targets(workspace, SIZES, "a4")
     seen = SimpleNamespace(of_patches=lambda ids: ())
     monkeypatch.setattr(calibrate, "observe_target", lambda *_, **__: seen)
     rig, applied = rig_of(ring_rig(2)), []
@@ -224,21 +215,21 @@ def test_the_calibration_that_was_worked_on_last_comes_first(tmp_path: Path) -> 
 def test_targets_are_offered_for_what_they_can_do(tmp_path: Path) -> None:
     workspace = StudioWorkspace(tmp_path)
     assert calibrations.targets(workspace, "verify") == []
-    _, small = calibrations.print_targets(workspace, SIZES | {"columns": 4, "rows": 3}, "a4", "verify")
-    cube, board = calibrations.print_targets(workspace, SIZES, "a4", "intrinsics")
+    cube, board = calibrations.print_targets(workspace, SIZES, "a4")
+    few = SIZES | {"columns": 4, "rows": 3}
+    pf.print_target(workspace.path("targets/small.pdf"), {**few, "kind": "charuco", "marker_mm": 20}, page="a4")
     (workspace.path("targets") / "damaged.toml").write_text("kind = 3", encoding="utf-8")
     assert {step: calibrations.targets(workspace, step) for step in STEPS} == {
-        "intrinsics": [board], "extrinsics": [cube], "verify": sorted([small, board])
+        "intrinsics": [board], "extrinsics": [cube], "verify": [board, "targets/small.toml"]
     }  # fmt: skip
-    few = SIZES | {"columns": 4, "rows": 3}
     words = r"at least 8 corners .* got 6 on one of 4 x 3"
-    refusal(CalibrationError, words, lambda: calibrations.print_targets(workspace, few, "a4", "intrinsics"))
+    refusal(CalibrationError, words, calibrations.print_targets, workspace, few, "a4")
     target = read_target(workspace.existing(cube))
     refusal(InputError, "a board for the lenses and the verification", calibrations.check_target, target, "verify")
 
 
 def test_a_calculation_refuses_the_target_of_another_step(workspace: StudioWorkspace) -> None:
-    cube, _ = calibrations.print_targets(workspace, SIZES, "a4", "intrinsics")
+    cube, _ = calibrations.print_targets(workspace, SIZES, "a4")
     arguments = {"step": "verify", "folder": READY.folder, "recording": recorded(workspace, "verify"), "target": cube}
     refusal(InputError, "a board for the lenses and the verification", calibrate.run, arguments, workspace, None)
 
@@ -304,25 +295,6 @@ def test_each_step_asks_for_what_it_needs_and_no_more() -> None:
         assert "same time" not in calibrations.advice_for("intrinsics", alone)
         assert not any("target" in calibrations.advice_for(step, found) for step in STEPS)
         assert calibrations.enough_for("verify", replace(found, cells=np.zeros_like(cells))) == ready["verify"]
-
-
-def test_lenses_from_a_cube_need_it_near_and_far() -> None:
-    found = TargetCoverage(("a", "b"), np.ones((2, 6, 8)), np.full((2, 2), ENOUGH_TOGETHER))
-    assert calibrations.enough_for("extrinsics", found) and calibrations.enough_for("extrinsics", found, np.full(2, NEAR_FAR))
-    assert not calibrations.enough_for("extrinsics", found, np.array([9.0, 1.1]))
-    assert "near b" in calibrations.advice_for("extrinsics", found, np.array([9.0, 1.1]))
-
-
-def test_sizes_in_an_image_show_the_range_of_distances() -> None:
-    square, focal_px = np.array([[-1, 1, 0], [1, 1, 0], [1, -1, 0], [-1, -1, 0]]) * 0.1, 500.0
-    sizes = []
-    for distance_m in np.linspace(2.0, 4.0, 100):
-        turn, _ = cv2.Rodrigues(np.array([0.0, 0.7, 0.0]))
-        xyz = square @ turn.T + [0, 0, distance_m]
-        sizes.append(calibrations.size_of(focal_px * xyz[:, :2] / xyz[:, 2:], np.zeros(4)))
-    near, far = np.quantile(np.linspace(2.0, 4.0, 100), [0.05, 0.95])
-    assert calibrations.near_far_of([sizes, []]) == pytest.approx([far / near, 1.0], rel=0.05)
-    assert np.isnan(calibrations.size_of(np.zeros((3, 2)), np.zeros(3)))
 
 
 def test_a_check_blames_the_cameras_that_it_names_and_no_other() -> None:

@@ -16,7 +16,7 @@ QUOTED = 'a\' b" data-more="1'
 JOBS = ".posefuse-studio/jobs"
 CHECK = {"name": "enough views", "passed": True, "detail": "", "remedy": ""}
 PASSED = {"passed": True, "cameras": ["a"], "reports": [{"subject": "rig", "checks": [CHECK], "numbers": {}}]}
-PROJECT = {"setup": "outside", "cube": "c.toml", "board": "b.toml", "lenses": False}
+PROJECT = {"setup": "outside", "cube": "c.toml", "board": "b.toml"}
 
 
 def job(work: str, title: str, arguments: Any) -> dict[str, Any]:
@@ -38,7 +38,7 @@ FILES: dict[str, Any] = {
     "setups/number.json": {"sources": {"a": 7}},
     "setups/outside.json": {"sources": {"a": "video:../secret.mp4"}, "rig": "gone.toml"},
     # calibrations: of a preset that was deleted; with a rig file that is gone; with results of another kind
-    "calibrations/bare/project.json": {"setup": "deleted", "cube": "", "board": "", "lenses": True},
+    "calibrations/bare/project.json": {"setup": "deleted", "cube": "", "board": ""},
     "calibrations/gone/project.json": PROJECT,
     "calibrations/gone/extrinsics.json": PASSED,
     "calibrations/kind/project.json": PROJECT,

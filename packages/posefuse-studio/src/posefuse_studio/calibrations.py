@@ -30,31 +30,25 @@ FOLDER = "calibrations"
 LENSES, RIG, SEEN = "lenses.toml", "rig.toml", "coverage.json"
 Action = Literal["print", "record", "solve", "use"]
 Step = Literal["intrinsics", "extrinsics", "verify"]
-_STEPS: tuple[Step, ...] = ("intrinsics", "extrinsics", "verify")
+STEPS: tuple[Step, ...] = ("intrinsics", "extrinsics", "verify")
+"""In their order; each rests on those before it."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Project:
     """Attributes:
     name: of the folder. setup: preset of the cameras. cube, board: target files; empty while there is none.
-    lenses: whether the lenses are calibrated on their own first, with the board; otherwise from the cube's recording.
     """
 
     name: str = ""
     setup: str
     cube: str = ""
     board: str = ""
-    lenses: bool = True
 
     @property
     def folder(self) -> str:
         """Its name in the workspace."""
         return f"{FOLDER}/{self.name}"
-
-    @property
-    def steps(self) -> tuple[Step, ...]:
-        """In their order; each rests on those before it."""
-        return _STEPS if self.lenses else _STEPS[1:]
 
     def target(self, step: Step) -> str:
         """The target file of a step."""
@@ -186,13 +180,13 @@ class Known:
         if not project.cube or not project.board:
             why = "Glue six markers on a stiff box and the board on a flat plate; marker 43 is for the floor. Measure the ruler."
             return Next(words="Print a cube and a board", why=why, action="print")
-        for step in project.steps:
+        for step in STEPS:
             state = self[step]
             if state.passed:
                 continue
             if state.current is not None:
                 _, check = state.current.failed[0]
-                again = _mended_by(check, step, project)
+                again = _mended_by(check, step)
                 why = f"Refused: {check.detail}"
                 return Next(words=check.remedy or check.detail, why=why, action="record", step=again)
             if self.can_solve(step) and state.seen is not None:
@@ -212,19 +206,18 @@ class Known:
 
     def lights(self, camera: str) -> dict[str, Light]:
         """What is known of a camera, by what must be known."""
-        placed = self._light("extrinsics", camera, "placed", _OFF)
-        lenses = Light("good", "from the cube") if placed.state == "good" and not self.project.lenses else _OFF
+        placed = self._light("extrinsics", camera, "placed")
         return {
-            "intrinsics": self._light("intrinsics", camera, "from the board", lenses),
+            "intrinsics": self._light("intrinsics", camera, "from the board"),
             "overlap": self._overlap(camera),
             "extrinsics": placed,
-            "verified": self._light("verify", camera, "passed", _OFF) if placed.state == "good" else _OFF,
+            "verified": self._light("verify", camera, "passed") if placed.state == "good" else _OFF,
         }
 
-    def _light(self, step: Step, camera: str, good: str, otherwise: Light) -> Light:
+    def _light(self, step: Step, camera: str, good: str) -> Light:
         result = self[step].current
         if result is None or (result.passed and camera not in result.cameras):
-            return otherwise
+            return _OFF
         if result.passed:
             return Light("good", good)
         to_blame = step == "verify" or result.blames(camera)
@@ -242,9 +235,9 @@ class Known:
         return Light("doubt", f"{min(linked, covered):.0%} of what is needed") if linked else Light("bad", "seen with no other")
 
 
-def _mended_by(check: Check, step: Step, project: Project) -> Step:
+def _mended_by(check: Check, step: Step) -> Step:
     """The step to record again where a check of a step fails: that step, or an earlier one that is to blame."""
-    if check.kind == "lenses" and project.lenses:
+    if check.kind == "lenses":
         return "intrinsics"
     return "extrinsics" if check.kind == "rig" else step
 
@@ -273,7 +266,7 @@ def known_of(workspace: StudioWorkspace, project: Project, cameras: Sequence[str
     folder = workspace.path(project.folder)
     steps: dict[Step, StepState] = {}
     placed_ns = 0
-    for step in _STEPS:
+    for step in STEPS:
         result = read_stored(folder / f"{step}.json", StepResult)
         taken = max(_recordings(folder, step, result), key=_recorded_ns, default=None)
         outdated = result is not None and result.rests_on != rests_on(folder, step)
@@ -327,11 +320,11 @@ FLOOR_ID = 43
 _CUBE_IDS = (FLOOR_ID, *range(FLOOR_ID + 1, 50))
 
 
-def print_targets(workspace: StudioWorkspace, settings: Mapping[str, Any], page: str, lenses: Step) -> tuple[str, str]:
+def print_targets(workspace: StudioWorkspace, settings: Mapping[str, Any], page: str) -> tuple[str, str]:
     """Print a cube, with a marker for the floor, and a board; gives the names of their descriptions, next to which PDF files lie.
 
     Args:
-        settings: ``marker_mm`` of the cube; ``columns``, ``rows`` and ``square_mm`` of the board. lenses: a step for it.
+        settings: ``marker_mm`` of the cube; ``columns``, ``rows`` and ``square_mm`` of the board.
 
     Raises:
         PosefuseError: targets that cannot be, that do not fit on the page, or that cannot serve.
@@ -341,7 +334,7 @@ def print_targets(workspace: StudioWorkspace, settings: Mapping[str, Any], page:
     board = {**settings, "kind": "charuco", "marker_mm": 0.75 * settings["square_mm"]}
     cube = {"kind": "markers", "marker_mm": settings["marker_mm"], "ids": _CUBE_IDS}
     sizes_m = {f"{name}_m": board[f"{name}_mm"] / 1e3 for name in ("square", "marker")}
-    check_target(Charuco(columns=board["columns"], rows=board["rows"], **sizes_m), lenses)
+    check_target(Charuco(columns=board["columns"], rows=board["rows"], **sizes_m), "intrinsics")
     named = {f"cube {cube['marker_mm']:g} mm": cube, f"board {board['columns']}x{board['rows']} {board['square_mm']:g} mm": board}
     place = workspace.folder(TARGETS)
     made = [pf.print_target(place / f"{name}.pdf", one, page=page, replace=True) for name, one in named.items()]
@@ -377,43 +370,19 @@ def check_target(target: Target, step: Step) -> None:
         check_board(target)
 
 
-# the calibration of lenses from a cube needs 1.3, see `Limits.own_depth_ratio`; the rest is for the error of sizes
-NEAR_FAR = 1.45
-
-
-def enough_for(step: Step, found: TargetCoverage, near_far: Array | None = None) -> bool:
-    """Lenses need each image covered; a verification needs each camera to share views with another; positions need both.
-
-    Args:
-        found: what is covered. near_far: (C,) of `near_far_of`, where the recording is to give the lenses, too; None: it is not.
-    """
+def enough_for(step: Step, found: TargetCoverage) -> bool:
+    """Lenses need each image covered; a verification needs each camera to share views with another; positions need both."""
     if step == "intrinsics":
         return bool((found.share >= ENOUGH_SHARE).all())
     if step == "verify":
         # three times the least that `verify` takes
         return bool((_shared(found) >= ENOUGH_TOGETHER).all())
-    return found.enough and (near_far is None or bool((near_far >= NEAR_FAR).all()))
+    return found.enough
 
 
-def near_far_of(sizes_px: Sequence[Sequence[float]]) -> Array:
-    """(C,) by how much a target looked larger from near than from far, for the sizes of its views in each camera; 1: unknown.
-
-    The largest edge of a square is hardly shortened by a tilt, so that sizes stand for distances.
-    """
-    spans = [np.quantile(one, [0.05, 0.95]) if len(one) > 1 else np.ones(2) for one in sizes_px]
-    return np.array([far / near for near, far in spans])
-
-
-def size_of(xy_img: Array, patch: Array) -> float:
-    """The longest edge, px, of the squares (n, 2) corners of a frame, four to a patch (n,); NaN without a whole one."""
-    squares = [xy_img[patch == one] for one in np.unique(patch)]
-    edges = [np.linalg.norm(one - np.roll(one, 1, axis=0), axis=1).max() for one in squares if len(one) == 4]
-    return float(max(edges, default=np.nan))
-
-
-def advice_for(step: Step, found: TargetCoverage, near_far: Array | None = None) -> str:
-    """What to do next, in words; arguments as of `enough_for`."""
-    if enough_for(step, found, near_far):
+def advice_for(step: Step, found: TargetCoverage) -> str:
+    """What to do next, in words."""
+    if enough_for(step, found):
         return _named("enough: stop moving the target", step)
     if step == "intrinsics":
         # no camera needs another one: as if all were linked
@@ -423,9 +392,6 @@ def advice_for(step: Step, found: TargetCoverage, near_far: Array | None = None)
         shared = _shared(found)
         camera = int(np.argmin(shared))
         return f"show the board to {found.cameras[camera]} and another camera: {shared[camera]} of {ENOUGH_TOGETHER}"
-    if found.enough and near_far is not None:
-        camera = int(np.argmin(near_far))
-        return f"move the cube near {found.cameras[camera]}, and far away from it"
     return _named(found.advice(), step)
 
 

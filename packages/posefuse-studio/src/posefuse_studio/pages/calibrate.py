@@ -17,6 +17,7 @@ from posefuse_studio.calibrations import (
     FLOOR_ID,
     FOLDER,
     RIG,
+    STEPS,
     Action,
     Known,
     Next,
@@ -111,7 +112,7 @@ def _new(studio: Studio, show: Callable[[str], None]) -> None:
         return
 
     def begin() -> None:
-        project = Project(name=name.value.strip(), setup=setup.value, lenses=lenses.value)
+        project = Project(name=name.value.strip(), setup=setup.value)
         if project.name in projects(studio.workspace):
             raise InputError(f"{project.name}: there is a calibration of this name; each of its steps can be done again")
         save_project(studio.workspace, project)
@@ -120,7 +121,6 @@ def _new(studio: Studio, show: Callable[[str], None]) -> None:
     with dialog("New calibration", {"Begin": begin}):
         name = ui.input("Name", value=studio.workspace.free_name(FOLDER, "room").rpartition("/")[2]).classes("w-64")
         setup = ui.select(names, value=names[-1], label="Cameras").classes("w-64")
-        lenses = ui.checkbox("Calibrate the lenses first (more exact)", value=True)
 
 
 class _Guide:
@@ -220,11 +220,10 @@ class _Guide:
     def _print(self) -> None:
         """Make or choose the targets."""
         workspace = self._studio.workspace
-        lenses: Step = "intrinsics" if self._project.lenses else "verify"
 
         async def make() -> None:
-            names = await asyncio.to_thread(print_targets, workspace, cube() | board(), str(page.value), lenses)
-            for choice, step, name in zip((cubes, boards), ("extrinsics", lenses), names, strict=True):
+            names = await asyncio.to_thread(print_targets, workspace, cube() | board(), str(page.value))
+            for choice, step, name in zip((cubes, boards), ("extrinsics", "intrinsics"), names, strict=True):
                 choice.set_options(targets(workspace, step), value=name)
             with made:
                 for name in names:
@@ -250,12 +249,11 @@ class _Guide:
                 board = number_fields(TargetDescription, sizes)
             made = ui.column().classes("gap-1")
             ui.button("Make PDF files", icon="picture_as_pdf", on_click=make).props("outline")
-            cubes, boards = choice("Cube in use", "extrinsics"), choice("Board in use", lenses)
+            cubes, boards = choice("Cube in use", "extrinsics"), choice("Board in use", "intrinsics")
 
     def _start(self, work: str, text: str, step: Step, **more: object) -> None:
         project = self._project
-        lenses = step == "extrinsics" and not project.lenses
-        arguments = {"folder": project.folder, "step": step, "target": project.target(step), "lenses": lenses, **more}
+        arguments = {"folder": project.folder, "step": step, "target": project.target(step), **more}
         self._studio.jobs.start(work, text, arguments)
 
     def _record(self, step: Step) -> None:
@@ -302,7 +300,7 @@ class _Guide:
 
     def _show_steps(self, state: tuple[Known, bool]) -> None:
         known, busy = state
-        for step in known.project.steps:
+        for step in STEPS:
             if known[step].recording or known[step].result is not None:
                 with card(TITLES[step]) as head:
                     show_step(step, known)

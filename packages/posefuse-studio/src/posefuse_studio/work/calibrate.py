@@ -62,12 +62,11 @@ def _intrinsics(folder: Path, videos: Mapping[str, Path], target: Target, progre
 
 
 def _extrinsics(folder: Path, videos: Mapping[str, Path], target: Target, progress: Any) -> StepResult:
-    lenses = folder / LENSES
     seen = observe_target(videos, target=target, every=_EVERY, progress=progress)
     on_floor = len(seen.of_patches([FLOOR_ID])) > 0 and without_floor(target) != target
     found = pf.calibrate_extrinsics(
         seen,
-        intrinsics=lenses if lenses.is_file() else None,
+        intrinsics=folder / LENSES,
         target=target,
         floor=floor_of(target, marker=FLOOR_ID if on_floor else None),
         progress=progress,
