@@ -7,8 +7,7 @@ from __future__ import annotations
 
 import hashlib
 import itertools
-import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -57,11 +56,8 @@ class Project:
 
 @dataclass(frozen=True, kw_only=True)
 class SeenTarget:
-    """What the cameras saw of a target in a recording; see `TargetCoverage`. `enough`: for its step."""
+    """That a recording shows a target. `enough`: for its step."""
 
-    cameras: list[str]
-    cells: list[list[list[int]]] = field(default_factory=list)
-    together: list[list[int]] = field(default_factory=list)
     target: str = ""
     enough: bool = True
 
@@ -71,7 +67,7 @@ class StepResult:
     """What a step has given, as `work.calibrate` writes it.
 
     Attributes:
-        reports: one, for lenses one per camera. recording: it was made from. rests_on: see there. cameras: that came out.
+        reports: one, for lenses one per camera. recording: it was made from. rests_on: see there.
         position_cov_m2: see `RigCalibration`. world: where it comes from; empty: not known.
     """
 
@@ -81,7 +77,6 @@ class StepResult:
     reports: list[CalibrationReport]
     recording: str = ""
     rests_on: str = ""
-    cameras: list[str] = field(default_factory=list)
     position_cov_m2: dict[str, list[list[float]]] = field(default_factory=dict)
     world: str = ""
 
@@ -89,10 +84,6 @@ class StepResult:
     def failed(self) -> list[tuple[str, Check]]:
         """The checks that do not hold, of all reports, each with what was calibrated."""
         return [(report.subject, check) for report in self.reports for check in report.failed]
-
-    def blames(self, camera: str) -> bool:
-        """Whether a check that does not hold names a camera."""
-        return any(named_cameras(f"{subject} {check.detail}", [camera]) for subject, check in self.failed)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -133,15 +124,6 @@ class Next:
     step: Step = "extrinsics"
 
 
-@dataclass(frozen=True)
-class Light:
-    """``good``, ``bad``, ``doubt`` or ``off``, and a word on it."""
-
-    state: str
-    text: str
-
-
-_OFF = Light("off", "not yet")
 _RECORD: Mapping[Step, tuple[str, str]] = {
     "intrinsics": ("Show the board to each camera", "Near and far, tilted, into every corner of each image."),
     "extrinsics": (
@@ -159,10 +141,9 @@ _SOLVE: Mapping[Step, str] = {
 
 @dataclass(frozen=True, kw_only=True)
 class Known:
-    """What there is of a project so far; `cameras`: names; `steps`: those of which there is anything."""
+    """What there is of a project so far; `steps`: those of which there is anything."""
 
     project: Project
-    cameras: tuple[str, ...]
     steps: Mapping[Step, StepState] = field(default_factory=dict)
 
     def __getitem__(self, step: Step) -> StepState:
@@ -195,44 +176,14 @@ class Known:
             return Next(words=_RECORD[step][0], why=_RECORD[step][1], action="record", step=step)
         return Next(words="The rig is verified", why="Use it for live sessions of these cameras.", action="use", step="verify")
 
-    def step_light(self, step: Step) -> Light:
-        """How far a step is, as a light."""
+    def step_light(self, step: Step) -> tuple[str, str]:
+        """How far a step is: ``good``, ``bad``, ``doubt`` or ``off``, and a word on it."""
         state = self[step]
         if state.current is not None:
-            return Light("good", "passed") if state.passed else Light("bad", "refused")
+            return ("good", "passed") if state.passed else ("bad", "refused")
         if state.outdated:
-            return Light("doubt", "rests on earlier lenses or positions")
-        return Light("doubt", "recorded") if self.can_solve(step) else _OFF
-
-    def lights(self, camera: str) -> dict[str, Light]:
-        """What is known of a camera, by what must be known."""
-        placed = self._light("extrinsics", camera, "placed")
-        return {
-            "intrinsics": self._light("intrinsics", camera, "from the board"),
-            "overlap": self._overlap(camera),
-            "extrinsics": placed,
-            "verified": self._light("verify", camera, "passed") if placed.state == "good" else _OFF,
-        }
-
-    def _light(self, step: Step, camera: str, good: str) -> Light:
-        result = self[step].current
-        if result is None or (result.passed and camera not in result.cameras):
-            return _OFF
-        if result.passed:
-            return Light("good", good)
-        to_blame = step == "verify" or result.blames(camera)
-        return Light("bad", "refused") if to_blame else Light("doubt", "waits for the others")
-
-    def _overlap(self, camera: str) -> Light:
-        seen = self["extrinsics"].seen
-        if seen is None or camera not in seen.cameras or not seen.together:
-            return _OFF
-        i = seen.cameras.index(camera)
-        linked = max((count for j, count in enumerate(seen.together[i]) if j != i), default=0) / ENOUGH_TOGETHER
-        covered = float((np.asarray(seen.cells[i]) > 0).mean()) / ENOUGH_SHARE
-        if min(linked, covered) >= 1.0:
-            return Light("good", "enough")
-        return Light("doubt", f"{min(linked, covered):.0%} of what is needed") if linked else Light("bad", "seen with no other")
+            return "doubt", "rests on earlier lenses or positions"
+        return ("doubt", "recorded") if self.can_solve(step) else ("off", "not yet")
 
 
 def _mended_by(check: Check, step: Step) -> Step:
@@ -240,11 +191,6 @@ def _mended_by(check: Check, step: Step) -> Step:
     if check.kind == "lenses":
         return "intrinsics"
     return "extrinsics" if check.kind == "rig" else step
-
-
-def named_cameras(text: str, cameras: Sequence[str]) -> tuple[str, ...]:
-    """The cameras that stand in a text, as whole words."""
-    return tuple(name for name in cameras if re.search(rf"(?<![\w-]){re.escape(name)}(?![\w-])", text))
 
 
 def projects(workspace: StudioWorkspace) -> dict[str, Project]:
@@ -261,7 +207,7 @@ def save_project(workspace: StudioWorkspace, project: Project) -> None:
     write_stored(workspace.folder(project.folder) / "project.json", project)
 
 
-def known_of(workspace: StudioWorkspace, project: Project, cameras: Sequence[str]) -> Known:
+def known_of(workspace: StudioWorkspace, project: Project) -> Known:
     """The content of the files of a project."""
     folder = workspace.path(project.folder)
     steps: dict[Step, StepState] = {}
@@ -277,7 +223,7 @@ def known_of(workspace: StudioWorkspace, project: Project, cameras: Sequence[str
             steps[step] = replace(steps[step], recording=f"{project.folder}/{taken.name}", seen=seen)
         if taken is not None and step == "extrinsics":
             placed_ns = _recorded_ns(taken)
-    return Known(project=project, cameras=tuple(cameras), steps=steps)
+    return Known(project=project, steps=steps)
 
 
 def _recordings(folder: Path, step: Step, result: StepResult | None) -> Iterator[Path]:

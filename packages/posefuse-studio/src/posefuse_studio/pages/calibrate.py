@@ -129,7 +129,7 @@ class _Guide:
     def __init__(self, studio: Studio, project: Project, stream: str) -> None:
         self._studio, self._project, self._stream = studio, project, stream
         self._setup = setup_named(studio.workspace, project.setup)
-        self._read: tuple[object, Known] = None, Known(project=project, cameras=())
+        self._read: tuple[object, Known] = None, Known(project=project)
 
     def build(self) -> None:
         """Place it, and keep it as the files are."""
@@ -142,7 +142,6 @@ class _Guide:
             redrawn(lambda: (self._known, *self._jobs()), lambda _: self._show_work(), classes="w-full gap-2")
             job_lines(self._studio, self._concerns, most=1)
         redrawn(self._sizes, self._show_tiles)
-        redrawn(lambda: self._known, lights_card)
         with ui.element("div").classes("pf-halves"):
             redrawn(lambda: self._known["extrinsics"].result, self._show_rig)
             redrawn(lambda: (self._known, any(self._jobs())), self._show_steps, classes="pf-column")
@@ -154,7 +153,7 @@ class _Guide:
         workspace, project = self._studio.workspace, self._project
         now = stamp(workspace, project), project
         if now != self._read[0]:
-            self._read = now, known_of(workspace, project, tuple(self._setup.sources))
+            self._read = now, known_of(workspace, project)
         return self._read[1]
 
     def _mine(self, job: Job | None) -> bool:
@@ -309,8 +308,8 @@ class _Guide:
 
     def _step_head(self, step: Step, known: Known, *, busy: bool) -> None:
         """How far it is, its report, and buttons to do it again."""
-        shown, report = known.step_light(step), f"{known.project.folder}/{_REPORTS[step]}"
-        light(shown.state, shown.text)
+        report = f"{known.project.folder}/{_REPORTS[step]}"
+        light(*known.step_light(step))
         if self._studio.workspace.path(report).is_file():
             ui.link("Report", file_address(report), new_tab=True)
         if not busy:
@@ -326,20 +325,6 @@ _RESTS: Mapping[Step, str] = {
     "verify": "Nothing rests on it: repeat it whenever a camera may have been touched.",
 }
 _REPORTS = {"intrinsics": "lenses.html", "extrinsics": "rig.html", "verify": "verified.html"}
-
-
-def lights_card(known: Known) -> None:
-    """A row per camera, a light per thing that must be known."""
-    rows = {camera: known.lights(camera) for camera in known.cameras}
-    names = list(next(iter(rows.values()), {}))
-    columns = f"auto repeat({len(names)}, minmax(max-content, 1fr))"
-    with card("Cameras"), ui.element("div").classes("pf-lights").style(f"grid-template-columns: {columns}"):
-        for name in ("", *names):
-            small(name)
-        for camera, row in rows.items():
-            ui.label(camera).classes("pf-h2")
-            for one in row.values():
-                light(one.state, one.text)
 
 
 def show_step(step: Step, known: Known) -> None:

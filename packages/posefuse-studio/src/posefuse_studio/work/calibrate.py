@@ -58,7 +58,7 @@ def run(arguments: Mapping[str, Any], workspace: StudioWorkspace, progress: Any)
 def _intrinsics(folder: Path, videos: Mapping[str, Path], target: Target, progress: Any) -> StepResult:
     found = pf.calibrate_intrinsics(videos, target=target, every=_EVERY, progress=progress)
     found.save(folder / LENSES, report=folder / "lenses.html", replace=True)
-    return StepResult(passed=True, cameras=list(found.rig.names), reports=list(found.reports.values()))
+    return StepResult(passed=True, reports=list(found.reports.values()))
 
 
 def _extrinsics(folder: Path, videos: Mapping[str, Path], target: Target, progress: Any) -> StepResult:
@@ -76,7 +76,6 @@ def _extrinsics(folder: Path, videos: Mapping[str, Path], target: Target, progre
     (folder / CLOCKS).write_text(found.clock_settings, encoding="utf-8")
     return StepResult(
         passed=True,
-        cameras=list(found.rig.names),
         reports=[found.report],
         world="from the marker on the floor" if on_floor else "",
         position_cov_m2={name: np.asarray(one).tolist() for name, one in found.position_cov_m2.items()},
@@ -86,4 +85,4 @@ def _extrinsics(folder: Path, videos: Mapping[str, Path], target: Target, progre
 def _verify(folder: Path, videos: Mapping[str, Path], target: Target, progress: Any) -> StepResult:
     found = pf.verify(folder / RIG, videos, target=target, every=_EVERY, progress=progress)
     found.save(folder / "verified.html", replace=True)
-    return StepResult(passed=found.passed, cameras=list(found.rig.names), reports=[found.report])
+    return StepResult(passed=found.passed, reports=[found.report])

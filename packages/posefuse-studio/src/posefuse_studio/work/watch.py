@@ -55,10 +55,7 @@ def run(arguments: Mapping[str, Any], workspace: StudioWorkspace, progress: Any)
         for name, one in feed.counts().items():
             if not one.finished:
                 raise InputError(f"{record}: the video of {name} is not complete ({one.fault}); record again")
-        found = feed.guidance.coverage
-        cells, together = found.cells.tolist(), found.together.tolist()
-        seen_target = SeenTarget(cameras=list(found.cameras), cells=cells, together=together, target=target, enough=enough)
-        write_stored(workspace.path(record) / SEEN, seen_target)
+        write_stored(workspace.path(record) / SEEN, SeenTarget(target=target, enough=enough))
     return {"record": record, "enough": enough}
 
 
