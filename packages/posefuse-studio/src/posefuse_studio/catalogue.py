@@ -176,26 +176,3 @@ def _looked_at(path: Path) -> Listed:
         reprojection_px=figures["median_reprojection_px"],
         edited=bool(recording.provenance.get("edits")),
     )
-
-
-# A small image of a recording, for lists; kept in the cache folder, as figures of it are.
-
-_WIDTH_PX = 320
-
-
-def thumbnail(path: Path, within: Path | None = None) -> bytes:
-    """A small JPEG of a recording: its best seen view with the skeleton on top, from the cache where there is one.
-
-    Args:
-        within: a folder that its videos must lie in; None: anywhere.
-
-    Raises:
-        PosefuseError: the recording cannot be read.
-    """
-    place = cache_place(path, "jpg")
-    if place.is_file():
-        return place.read_bytes()
-    with pf.read(path).playback(within=within) as playback:
-        made = playback.best_tile_jpeg(_WIDTH_PX)
-    keep_cached(place, made)
-    return made
