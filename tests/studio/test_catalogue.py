@@ -12,7 +12,6 @@ from small_session import saved_session
 import posefuse as pf
 from posefuse.core import Rig
 from posefuse.foundation.output_folder import MARK_FILE
-from posefuse_studio import catalogue
 from posefuse_studio.catalogue import find_recordings, listed
 
 Saved = tuple[Path, Path]
@@ -22,12 +21,6 @@ Saved = tuple[Path, Path]
 def saved_walk(tmp_path: Path, ring_rig: Callable[..., Rig]) -> Saved:
     """(session, result)."""
     return saved_session(tmp_path, ring_rig)
-
-
-@pytest.fixture(autouse=True)
-def cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    monkeypatch.setenv("POSEFUSE_CACHE", str(tmp_path / "cache"))
-    return tmp_path / "cache" / catalogue.CACHE_FOLDER
 
 
 def files_below(folder: Path) -> dict[str, float]:
@@ -44,7 +37,7 @@ def test_a_recording_at_a_glance(saved_walk: Saved) -> None:
     assert not (one.live or one.edited or one.problem)
 
 
-def test_the_second_look_comes_from_the_cache(saved_walk: Saved, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_second_look_reads_nothing(saved_walk: Saved, monkeypatch: pytest.MonkeyPatch) -> None:
     _, result = saved_walk
     before = files_below(result)
     one = listed(result)
@@ -91,12 +84,5 @@ def test_one_that_cannot_be_read_has_a_reason(saved_walk: Saved, tmp_path: Path)
     one = listed(result)
     assert "recording.npz" in one.problem
     assert math.isnan(one.sigma_mm)
-    assert "recording.npz" in listed(result).problem  # from the cache
     (tmp_path / "a.mcap").write_bytes(b"no recording")
     assert "a.mcap" in listed(tmp_path / "a.mcap").problem
-
-
-def test_without_a_cache_the_list_is_there_all_the_same(saved_walk: Saved, cache: Path) -> None:
-    _, result = saved_walk
-    cache.parent.write_text("a file in its way")
-    assert listed(result).people == ("Ada",)

@@ -51,7 +51,7 @@ class _List:
         ui.timer(_POLL_S, self._look)
 
     async def _look(self) -> None:
-        """Bring the list up to date; what is not in the cache takes its time, and is shown as it comes."""
+        """Bring the list up to date; what was not looked at before takes its time, and is shown as it comes."""
         paths = await asyncio.to_thread(find_recordings, self._studio.workspace.root)
         if paths == [one.path for one in self._found]:
             return
