@@ -7,9 +7,6 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
-from typing import Literal
-
-import numpy as np
 
 import posefuse as pf
 from posefuse.core import PosefuseError
@@ -20,9 +17,6 @@ _DEEPEST = 5
 # a live session of more is listed without figures, which would take long to read
 _MOST_LIVE_BYTES = 200_000_000
 _MOST_RECORDINGS = 2000
-# when a recording is marked in a list, so that it is looked at first; a choice by eye, not a verdict
-_COVERAGE_GOOD, _COVERAGE_BAD = 0.9, 0.5
-_SIGMA_GOOD_MM, _SIGMA_BAD_MM = 20.0, 50.0
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -50,14 +44,6 @@ class Listed:
     reprojection_px: float = float("nan")
     edited: bool = False
     problem: str = ""
-
-    def mark(self) -> Literal["good", "doubt", "bad", "off"]:
-        """How good it is at a glance; ``off`` where that is not known."""
-        if self.problem or not np.isfinite([self.coverage, self.sigma_mm]).all():
-            return "off"
-        if self.coverage < _COVERAGE_BAD or self.sigma_mm > _SIGMA_BAD_MM:
-            return "bad"
-        return "good" if self.coverage >= _COVERAGE_GOOD and self.sigma_mm <= _SIGMA_GOOD_MM else "doubt"
 
     def matches(self, search: str) -> bool:
         """Whether every word of the search is in its path, session, date or people; capital letters make no difference."""

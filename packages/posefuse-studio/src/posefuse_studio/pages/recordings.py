@@ -20,7 +20,6 @@ _AT_ONCE = 60
 _POLL_S = 5.0
 # while a list is looked through for the first time
 _SHOW_EVERY_S = 1.0
-_WORDS = {"good": "good", "doubt": "fair", "bad": "poor", "off": "not known"}
 
 
 def build(studio: Studio) -> None:
@@ -89,7 +88,7 @@ class _List:
                 light("bad" if not one.live else "off", one.problem.replace(f"{self._studio.workspace.root}/", ""))
                 return
             small(about(one))
-            light(one.mark(), quality(one))
+            small(quality(one))
 
     def _ask_study(self) -> None:
         def start() -> None:
@@ -125,7 +124,7 @@ def quality(one: Listed) -> str:
     figures = [f"{one.coverage:.0%} present"]
     figures += [f"σ {one.sigma_mm:.0f} mm"] if math.isfinite(one.sigma_mm) else []
     figures += [f"{one.reprojection_px:.1f} px"] if math.isfinite(one.reprojection_px) else []
-    return f"{_WORDS[one.mark()]}: {', '.join(figures)}"
+    return ", ".join(figures)
 
 
 def _date(one: Listed) -> str:
