@@ -222,11 +222,6 @@ def _live(way: Walk) -> None:
         way.choose("Cameras", "person")
         way.press("Start")
         way.see(page.locator(".pf-person").first)
-    with way.step("a name for the person"):
-        name = page.get_by_label("Name of person").first
-        name.fill("Ada")
-        name.press("Enter")
-        way.see(page.locator(".pf-person", has_text="Ada").first)
     with way.step("poses to another program"), socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as taker:
         taker.bind(("127.0.0.1", 9001))
         taker.settimeout(_PATIENCE_S)

@@ -181,7 +181,7 @@ def test_a_script_in_a_page_sends_nothing_elsewhere(page: Any, errors: list[str]
 CONTROLS_OF = {
     "/": ".pf-found",
     "/calibrate": ".pf-next",
-    "/live": "[aria-label^='Name of person']",
+    "/live": ".pf-tile",
     "/recordings": ".pf-recording-card",
     "/recordings?open=result": ".pf-clock:has-text(' s')",
     "/simulate": ".pf-plan",

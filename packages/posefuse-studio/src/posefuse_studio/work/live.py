@@ -53,11 +53,10 @@ class _Shown:
         self._session, self._rig, self._workspace, self._progress = session, rig, workspace, progress
         self._places = {name: number for number, name in enumerate(rig.names)}
         requests: dict[str, Callable[..., None]] = {
-            "output": self._switch, "record": self._record, "stop_recording": self._stop_recording, "name": self._name,
+            "output": self._switch, "record": self._record, "stop_recording": self._stop_recording,
             "person": self._choose,
         }  # fmt: skip
         self._host = Host({name: partial(self._try, do) for name, do in requests.items()}, self._watched)
-        self._names: dict[int, str] = {}
         self._refused: list[str] = []
         self._person: int | None = None
         # folder of the recording that runs, and since when
@@ -142,7 +141,6 @@ class _Shown:
             recording=self._recording,
             seconds=time.monotonic() - self._since_s,
             people=[] if pose is None else pose.person_id.tolist(),
-            names=dict(self._names),
             person=self._person,
             plots=self._plots,
             outputs={name: replace(one, text=self._workspace.in_names(one.text)) for name, one in self._session.outputs.items()},
@@ -190,11 +188,6 @@ class _Shown:
 
     def _choose(self, person: int) -> None:
         self._person = int(person)
-
-    def _name(self, person: int, text: str) -> None:
-        self._session.name_person(int(person), text[:40])
-        self._names[int(person)] = text[:40].strip()
-        self._host.publish("labels", page_message("labels", content=self._names), keep=True)
 
     def _record(self, name: str, poses: bool, videos: bool) -> None:
         """Into a new folder, which `posefuse track` takes as a session when it has videos."""
