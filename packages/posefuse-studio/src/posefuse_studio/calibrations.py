@@ -281,7 +281,10 @@ def print_targets(workspace: StudioWorkspace, settings: Mapping[str, Any], page:
     cube = {"kind": "markers", "marker_mm": settings["marker_mm"], "ids": _CUBE_IDS}
     sizes_m = {f"{name}_m": board[f"{name}_mm"] / 1e3 for name in ("square", "marker")}
     check_target(Charuco(columns=board["columns"], rows=board["rows"], **sizes_m), "intrinsics")
-    named = {f"cube {cube['marker_mm']:g} mm": cube, f"board {board['columns']}x{board['rows']} {board['square_mm']:g} mm": board}
+    named = {
+        f"cube {cube['marker_mm']:g} mm": cube,
+        f"board {board['columns']:g}x{board['rows']:g} {board['square_mm']:g} mm": board,
+    }
     place = workspace.folder(TARGETS)
     made = [pf.print_target(place / f"{name}.pdf", one, page=page, replace=True) for name, one in named.items()]
     return workspace.name_of(made[0].target), workspace.name_of(made[1].target)

@@ -11,7 +11,7 @@ import numpy as np
 from nicegui import ui
 
 import posefuse as pf
-from posefuse.calibration.settings import PAGES_M, TargetDescription
+from posefuse.calibration.settings import PAGES_M
 from posefuse.core import InputError, PosefuseError
 from posefuse_studio.calibrations import (
     FLOOR_ID,
@@ -43,7 +43,6 @@ from posefuse_studio.shell import (
     file_address,
     job_lines,
     light,
-    number_fields,
     redrawn,
     show_summary,
     small,
@@ -56,6 +55,13 @@ _LARGER = 50.0
 _NO_FLOOR = (
     f"No marker {FLOOR_ID} was seen on the floor: up is estimated from the cameras, and the height of the floor is not known. Lay"
     " it down and record again, so that people stand on the floor."
+)
+# of the targets to print: setting, words, usual value
+_SIZES = (
+    ("marker_mm", "Cube: square, mm", 120),
+    ("columns", "Board: squares across", 5),
+    ("rows", "down", 7),
+    ("square_mm", "square, mm", 36),
 )
 _BUTTONS = {
     "print": ("Print targets", "print"),
@@ -221,7 +227,8 @@ class _Guide:
         workspace = self._studio.workspace
 
         async def make() -> None:
-            names = await asyncio.to_thread(print_targets, workspace, cube() | board(), str(page.value))
+            given = {name: field.value for name, field in sizes.items() if field.value is not None}
+            names = await asyncio.to_thread(print_targets, workspace, given, str(page.value))
             for choice, step, name in zip((cubes, boards), ("extrinsics", "intrinsics"), names, strict=True):
                 choice.set_options(targets(workspace, step), value=name)
             with made:
@@ -242,10 +249,8 @@ class _Guide:
 
         with dialog("Targets", {"Use these": use}):
             page = ui.select(list(PAGES_M), value="a4", label="Paper").classes("w-32")
-            cube = number_fields(TargetDescription, {"marker_mm": ("Cube: square, mm", 120)})
             with ui.row().classes("items-end gap-3"):
-                sizes = {"columns": ("Board: squares across", 5), "rows": ("down", 7), "square_mm": ("square, mm", 36)}
-                board = number_fields(TargetDescription, sizes)
+                sizes = {name: ui.number(text, value=value, min=1).classes("pf-number") for name, text, value in _SIZES}
             made = ui.column().classes("gap-1")
             ui.button("Make PDF files", icon="picture_as_pdf", on_click=make).props("outline")
             cubes, boards = choice("Cube in use", "extrinsics"), choice("Board in use", "intrinsics")

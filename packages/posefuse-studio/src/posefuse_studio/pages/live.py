@@ -9,7 +9,6 @@ from functools import partial
 from nicegui import ui
 
 from posefuse.core import InputError
-from posefuse.realtime.config import LiveConfig
 from posefuse_studio.jobs import LIVE
 from posefuse_studio.scene import CameraTile, RigScene, ValuePlot, first_angles
 from posefuse_studio.session import SessionStatus
@@ -22,7 +21,6 @@ from posefuse_studio.shell import (
     job_lines,
     light,
     network_field,
-    number_fields,
     redrawn,
     refused,
     small,
@@ -64,11 +62,12 @@ def _start(studio: Studio) -> None:
     with card("Start a session"):
         with ui.row().classes("items-end gap-4"):
             setup = ui.select(choices, value=choices[-1], label="Cameras").classes("w-56")
-            people = number_fields(LiveConfig, {"track.max_people": ("People", 1)})
+            people = ui.number("People", value=1, min=1, precision=0).classes("pf-number")
             network = network_field("chosen by the speed of this machine")
 
         def start() -> None:
-            arguments = {"setup": setup.value, "networks": network.value, "settings": people()}
+            settings = {"track.max_people": int(people.value or 1)}
+            arguments = {"setup": setup.value, "networks": network.value, "settings": settings}
             studio.jobs.start(LIVE, f"Live session of {setup.value}", arguments)
 
         with ui.row().classes("items-center gap-3"):
