@@ -37,7 +37,7 @@ class CameraStatus:
 
     Attributes:
         light: how it is, see `shell.light`. state: one word. text: what is wrong, and what to do; empty where nothing is.
-        figures: size and rates in a line. size_wh: of its images; None before the first.
+        figures: size, rates or latency in a line. size_wh: of its images; None before the first.
     """
 
     light: Literal["good", "doubt", "bad"]

@@ -62,10 +62,6 @@ class _Shown:
         # folder of the recording that runs, and since when
         self._recording, self._since_s = "", 0.0
         self._wanted: list[str] = []
-        # frames of each camera so far, since when, and per second
-        self._counts: dict[str, float] = {}
-        self._counted_s = time.monotonic()
-        self._rates_hz: dict[str, float] = {}
         self._begun_s = time.time()
         self._setup_of: tuple[Skeleton, tuple[str, ...]] | None = None
         self._plots: list[str] = []
@@ -134,7 +130,6 @@ class _Shown:
             self._host.publish("setup", setup_message(self._rig, skeleton, faulty=faulty), keep=True)
 
     def _status(self, pose: Pose3D | None) -> SessionStatus:
-        self._count()
         latencies = [one.figures.get("latency_p95_ms", 0.0) for one in self._session.cameras.values()]
         return SessionStatus(
             cameras={camera.name: self._camera(camera.name, camera.size_wh) for camera in self._rig},
@@ -150,20 +145,13 @@ class _Shown:
             refused=list(self._refused[-_MOST_NEWS:]),
         )
 
-    def _count(self) -> None:
-        """Frames per second of each camera, over a second or more."""
-        seconds = time.monotonic() - self._counted_s
-        if seconds >= 1.0:
-            counts = {name: one.figures.get("captured", 0.0) for name, one in self._session.cameras.items()}
-            self._rates_hz = {name: (count - self._counts.get(name, count)) / seconds for name, count in counts.items()}
-            self._counts, self._counted_s = counts, time.monotonic()
-
     def _camera(self, name: str, size_wh: tuple[int, int]) -> CameraStatus:
         health = self._session.cameras.get(name)
         if health is None:
             return CameraStatus(light="doubt", state="starting", size_wh=size_wh)
-        dropped = health.figures.get("replaced", 0.0)
-        figures = f"{self._rates_hz.get(name, 0.0):.0f}/s" + (f", {dropped:.0f} dropped" if dropped else "")
+        latency_ms, dropped = (health.figures.get(figure, 0.0) for figure in ("latency_p95_ms", "replaced"))
+        # not a number before the first frame
+        figures = (f"{latency_ms:.0f} ms" if latency_ms > 0 else "–") + (f", {dropped:.0f} dropped" if dropped else "")
         good = "good" if health.state == "ok" else "bad"
         return CameraStatus(light=good, state=health.state, text=health.text, figures=figures, size_wh=size_wh)  # type: ignore[arg-type]
 
