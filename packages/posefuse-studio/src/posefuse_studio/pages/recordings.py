@@ -16,7 +16,8 @@ from posefuse_studio.workspace import check_name
 
 from . import recording
 
-_AT_ONCE = 60
+# the newest; others are found by a search
+_MOST_SHOWN = 60
 _POLL_S = 5.0
 # while a list is looked through for the first time
 _SHOW_EVERY_S = 1.0
@@ -37,7 +38,6 @@ class _List:
     def __init__(self, studio: Studio) -> None:
         self._studio = studio
         self._found: list[Listed] = []
-        self._most = _AT_ONCE
         title("Recordings", "Everything that was tracked or recorded live in this workspace, the newest first.")
         with ui.row().classes("pf-tools"):
             self._search = ui.input("Search", on_change=self._show).props('clearable outlined dense aria-label="Search"')
@@ -45,7 +45,6 @@ class _List:
             self._count = small("")
         job_lines(studio, recent("batch", "solve", "simulate_walk"))
         self._grid = ui.element("div").classes("pf-recordings")
-        self._more = ui.button("Show more", on_click=self._show_more).props("flat")
         self._show()
         ui.timer(_POLL_S, self._look)
 
@@ -64,17 +63,12 @@ class _List:
             self._found[place] = await asyncio.to_thread(listed, path)
         self._show()
 
-    def _show_more(self) -> None:
-        self._most += _AT_ONCE
-        self._show()
-
     def _show(self) -> None:
         found = [one for one in self._found if one.matches(self._search.value or "")]
-        self._count.set_text(f"{len(found)} of {len(self._found)}" if self._found else "")
-        self._more.set_visibility(len(found) > self._most)
+        self._count.set_text(f"{min(len(found), _MOST_SHOWN)} of {len(self._found)}" if self._found else "")
         self._grid.clear()
         with self._grid:
-            for one in found[: self._most]:
+            for one in found[:_MOST_SHOWN]:
                 self._card(one)
             if not self._found:
                 small("Nothing yet. Record on the page Live, or render a test walk on the page Simulate.")
