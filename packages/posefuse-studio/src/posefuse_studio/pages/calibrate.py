@@ -228,11 +228,11 @@ class _Guide:
 
         async def make() -> None:
             given = {name: field.value for name, field in sizes.items() if field.value is not None}
-            names = await asyncio.to_thread(print_targets, workspace, given, str(page.value))
-            for choice, step, name in zip((cubes, boards), ("extrinsics", "intrinsics"), names, strict=True):
-                choice.set_options(targets(workspace, step), value=name)
+            cube, board = await asyncio.to_thread(print_targets, workspace, given, str(page.value))
+            cubes.set_options(targets(workspace, "extrinsics"), value=cube)
+            boards.set_options(targets(workspace, "intrinsics"), value=board)
             with made:
-                for name in names:
+                for name in (cube, board):
                     pdf = name.replace(".toml", ".pdf")
                     ui.link(f"Open {pdf}", file_address(pdf), new_tab=True)
                 small(f"Print at 100 %, then measure the ruler on the sheet. Marker {FLOOR_ID} is for the floor.")
