@@ -39,7 +39,7 @@ _RECORD_S = 12.0
 _DRAWN_MS = 1000
 _RIG = "calibrations/room/rig.toml"
 # as in the scene
-_TARGETS = {"Cube: square, mm": "270", "Board: squares across": "4", "down": "3", "square, mm": "220"}
+_TARGETS = {"Cube: square, mm": "270", "Board: squares across": "5", "down": "4", "square, mm": "190"}
 
 
 # images of docs/studio.md, and what they show
@@ -177,7 +177,6 @@ def _calibrate(way: Walk) -> None:
     with way.step("new calibration"):
         way.go("Calibrate")
         way.press("New calibration")
-        way.page.get_by_role("checkbox", name="Calibrate the lenses first").click()
         way.press("Begin")
         way.see("Print a cube and a board")
     with way.step("targets to print"):
@@ -189,6 +188,12 @@ def _calibrate(way: Walk) -> None:
         way.see("Print at 100 %")
         way.picture("targets")
         way.press("Use these")
+        way.see("Show the board to each camera")
+    with way.step("the board is recorded for the lenses"):
+        way.press("Start recording")
+        way.see("Calibrate the lenses")
+    with way.step("lenses"):
+        way.press("Calibrate")
         way.see("Move the cube where two cameras see it")
     with way.step("the cube is recorded"):
         way.press("Start recording")
@@ -217,11 +222,6 @@ def _live(way: Walk) -> None:
         way.choose("Cameras", "person")
         way.press("Start")
         way.see(page.locator(".pf-person").first)
-    with way.step("a name for the person"):
-        name = page.get_by_label("Name of person").first
-        name.fill("Ada")
-        name.press("Enter")
-        way.see(page.locator(".pf-person", has_text="Ada").first)
     with way.step("poses to another program"), socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as taker:
         taker.bind(("127.0.0.1", 9001))
         taker.settimeout(_PATIENCE_S)

@@ -49,7 +49,7 @@ BESIDES_API = {
     "posefuse.calibration.settings": {"cli", "studio"},
     "posefuse.detection": {"cli", "studio"},
     "posefuse.pipeline.config": {"cli"},
-    "posefuse.realtime.config": {"cli", "studio"},
+    "posefuse.realtime.config": {"cli"},
     # values that public functions take, give and raise, as types
     "posefuse.calibration.report": {"cli", "studio"},
     "posefuse.calibration.targets.coverage": {"cli", "studio"},

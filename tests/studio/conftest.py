@@ -68,6 +68,6 @@ def lab(tmp_path_factory: pytest.TempPathFactory, ring_rig: Callable[..., Rig]) 
     videos = {f"cam0{c}": f"video:walk/videos/cam0{c}.mp4" for c in range(3)}
     save_setup(workspace, Setup(name="webcams", sources=videos))
     write_stored(workspace.folder("targets") / "made.json", {})
-    save_project(workspace, Project(name="room", setup="webcams", cube="a.toml", board="b.toml", lenses=False))
+    save_project(workspace, Project(name="room", setup="webcams", cube="a.toml", board="b.toml"))
     with server(workspace.root, port), stand_in(workspace.root, 4):
         yield workspace, f"http://127.0.0.1:{port}"

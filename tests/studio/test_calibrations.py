@@ -1,4 +1,4 @@
-"""What to do next, and the light of each camera: pure functions of what is known."""
+"""What to do next: pure functions of what is known."""
 
 import os
 from dataclasses import replace
@@ -6,26 +6,25 @@ from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
-import cv2
 import numpy as np
 import pytest
 from checks import refusal
 
+import posefuse as pf
 from posefuse.api.calibration_results import RigCalibration, saved_clocks
 from posefuse.api.rig_and_detector import rig_of
 from posefuse.calibration.clocks.sync import ClockEstimate
 from posefuse.calibration.report import CalibrationReport, Check, CheckKind, RefusedCalibration
-from posefuse.calibration.targets.coverage import ENOUGH_SHARE, ENOUGH_TOGETHER, TargetCoverage
+from posefuse.calibration.targets.coverage import ENOUGH_TOGETHER, TargetCoverage
 from posefuse.calibration.targets.kinds import read_target
 from posefuse.core import CalibrationError, InputError
 from posefuse_studio import calibrations
-from posefuse_studio.calibrations import LENSES, NEAR_FAR, NOTHING, RIG, SEEN, Known, Project, SeenTarget, Step, StepResult
+from posefuse_studio.calibrations import LENSES, NOTHING, RIG, SEEN, STEPS, Known, Project, SeenTarget, Step, StepResult
 from posefuse_studio.work import calibrate
 from posefuse_studio.workspace import StudioWorkspace, read_stored, write_stored
 
 BARE = Project(name="room", setup="webcams")
 READY = replace(BARE, cube="targets/cube.toml", board="targets/board.toml")
-STEPS: tuple[Step, ...] = ("intrinsics", "extrinsics", "verify")
 SIZES = {"marker_mm": 100, "columns": 5, "rows": 4, "square_mm": 30}
 
 
@@ -40,17 +39,17 @@ def result(
     rests_on: str = "",
 ) -> StepResult:
     reports = [CalibrationReport(step, (Check("enough views", passed, detail, remedy, kind),))]
-    return StepResult(passed=passed, recording=recording, cameras=["left", "right"], rests_on=rests_on, reports=reports)
+    return StepResult(passed=passed, recording=recording, rests_on=rests_on, reports=reports)
 
 
 def none_yet(project: Project = READY) -> Known:
-    return Known(project=project, cameras=("left", "right"))
+    return Known(project=project)
 
 
 def after(*steps: Step, project: Project = READY) -> Known:
     """A project in which these steps have passed."""
     done = {step: replace(NOTHING, recording="one", result=result(step)) for step in steps}
-    return Known(project=project, cameras=("left", "right"), steps=done)
+    return Known(project=project, steps=done)
 
 
 def changed(known: Known, step: Step, **changes: Any) -> Known:
@@ -59,7 +58,7 @@ def changed(known: Known, step: Step, **changes: Any) -> Known:
 
 def filmed(known: Known, step: Step, recording: str = "one", **seen: Any) -> Known:
     """The same with a recording of a step."""
-    about = SeenTarget(**{"cameras": ["left", "right"], "target": READY.target(step), **seen})
+    about = SeenTarget(**{"target": READY.target(step), **seen})
     return changed(known, step, recording=recording, seen=about)
 
 
@@ -67,7 +66,7 @@ def recorded(workspace: StudioWorkspace, step: Step, project: Project | None = N
     """The files of a recording; gives its name."""
     project = project or READY
     name = calibrations.new_recording(workspace, project, step)
-    write_stored(workspace.folder(name) / SEEN, SeenTarget(cameras=["left"], enough=enough, target=project.target(step)))
+    write_stored(workspace.folder(name) / SEEN, SeenTarget(enough=enough, target=project.target(step)))
     return name
 
 
@@ -97,18 +96,11 @@ def test_the_steps_come_in_order() -> None:
     assert after(*STEPS).next_step().action == "use"
 
 
-def test_lenses_from_the_cube_need_no_step_of_their_own() -> None:
-    project = replace(READY, lenses=False)
-    assert none_yet(project).next_step().step == "extrinsics"
-    assert after("extrinsics", project=project).lights("left")["intrinsics"].state == "good"
-
-
 def test_a_refusal_gives_the_remedy_until_something_new_is_filmed() -> None:
     refusal = result("extrinsics", False, detail="right saw it 3 times", remedy="show it to right")
     known = changed(after("intrinsics"), "extrinsics", recording="one", result=refusal)
     step = known.next_step()
     assert (step.words, step.action) == ("show it to right", "record") and "right saw it 3 times" in step.why
-    assert [known.lights(name)["extrinsics"].state for name in ("left", "right")] == ["doubt", "bad"]
     assert filmed(known, "extrinsics", "two").next_step().action == "solve"
 
 
@@ -126,13 +118,11 @@ def test_a_refusal_leads_to_the_step_that_is_to_blame(refused: Step, kind: Check
     known = changed(after(*STEPS), refused, result=refusal)
     step = known.next_step()
     assert (step.action, step.step) == ("record", again)
-    without = replace(known, project=replace(READY, lenses=False)).next_step()
-    assert without.step != "intrinsics"
 
 
 def test_clocks_of_an_earlier_calibration_are_not_applied(workspace: StudioWorkspace, monkeypatch, ring_rig: Any) -> None:
     recording = recorded(workspace, "extrinsics")
-    cube, board = calibrations.print_targets(workspace, SIZES, "a4", "verify")
+    cube, board = calibrations.print_targets(workspace, SIZES, "a4")
     seen = SimpleNamespace(of_patches=lambda ids: ())
     monkeypatch.setattr(calibrate, "observe_target", lambda *_, **__: seen)
     rig, applied = rig_of(ring_rig(2)), []
@@ -155,7 +145,7 @@ def test_clocks_of_an_earlier_calibration_are_not_applied(workspace: StudioWorks
 def test_any_number_of_recordings_of_a_step_can_be_made(workspace: StudioWorkspace) -> None:
     names = [recorded(workspace, step) for step in STEPS for _ in range(4)]
     assert names == [f"{READY.folder}/{step}-{n}" for step in STEPS for n in (1, 2, 3, 4)]
-    assert calibrations.known_of(workspace, READY, ["left"])["verify"].recording.endswith("verify-4")
+    assert calibrations.known_of(workspace, READY)["verify"].recording.endswith("verify-4")
 
 
 def test_what_rests_on_a_step_that_was_done_again_is_outdated(workspace: StudioWorkspace) -> None:
@@ -165,19 +155,18 @@ def test_what_rests_on_a_step_that_was_done_again_is_outdated(workspace: StudioW
         calculated(workspace, step, names[step])
 
     def now() -> Known:
-        return calibrations.known_of(workspace, READY, ["left"])
+        return calibrations.known_of(workspace, READY)
 
     def outdated() -> set[Step]:
         return {step for step in STEPS if now()[step].outdated}
 
     assert outdated() == set() and now().next_step().action == "use"
-    assert {now().step_light(step).state for step in STEPS} == {"good"}
+    assert {now().step_light(step) for step in STEPS} == {("good", "passed")}
     # new lenses: the positions are calculated again, from their recording; until then nothing is verified
     calculated(workspace, "intrinsics", recorded(workspace, "intrinsics"))
     step = now().next_step()
     assert (step.action, step.step) == ("solve", "extrinsics") and outdated() == {"extrinsics"}
-    assert now().step_light("extrinsics").text == "rests on earlier lenses or positions"
-    assert now().lights("left")["verified"].state == "off"
+    assert now().step_light("extrinsics") == ("doubt", "rests on earlier lenses or positions")
     calculated(workspace, "extrinsics", names["extrinsics"])
     assert outdated() == set() and now().next_step().action == "use"
     # new positions: what was recorded before them shows the cameras as they stood then
@@ -189,20 +178,20 @@ def test_what_rests_on_a_step_that_was_done_again_is_outdated(workspace: StudioW
 
 def test_a_recording_of_another_target_is_not_calculated(workspace: StudioWorkspace) -> None:
     recorded(workspace, "intrinsics")
-    assert calibrations.known_of(workspace, READY, ["left"]).next_step().action == "solve"
+    assert calibrations.known_of(workspace, READY).next_step().action == "solve"
     other = replace(READY, board="targets/other.toml")
-    assert calibrations.known_of(workspace, other, ["left"]).next_step().action == "record"
+    assert calibrations.known_of(workspace, other).next_step().action == "record"
 
 
 def test_a_recording_that_was_stopped_by_mistake_takes_no_result_away(workspace: StudioWorkspace) -> None:
     for step in STEPS:
         calculated(workspace, step, recorded(workspace, step))
         recorded(workspace, step, enough=False)
-    known = calibrations.known_of(workspace, READY, ["left"])
+    known = calibrations.known_of(workspace, READY)
     assert known.next_step().action == "use" and known["verify"].recording.endswith("verify-1")
     # where there is nothing to lose, it can be used
     calculated(workspace, "verify", known["verify"].recording, passed=False)
-    known = calibrations.known_of(workspace, READY, ["left"])
+    known = calibrations.known_of(workspace, READY)
     assert known["verify"].recording.endswith("verify-2") and known.next_step().action == "solve"
 
 
@@ -224,54 +213,38 @@ def test_the_calibration_that_was_worked_on_last_comes_first(tmp_path: Path) -> 
 def test_targets_are_offered_for_what_they_can_do(tmp_path: Path) -> None:
     workspace = StudioWorkspace(tmp_path)
     assert calibrations.targets(workspace, "verify") == []
-    _, small = calibrations.print_targets(workspace, SIZES | {"columns": 4, "rows": 3}, "a4", "verify")
-    cube, board = calibrations.print_targets(workspace, SIZES, "a4", "intrinsics")
+    cube, board = calibrations.print_targets(workspace, SIZES, "a4")
+    few = SIZES | {"columns": 4, "rows": 3}
+    pf.print_target(workspace.path("targets/small.pdf"), {**few, "kind": "charuco", "marker_mm": 20}, page="a4")
     (workspace.path("targets") / "damaged.toml").write_text("kind = 3", encoding="utf-8")
     assert {step: calibrations.targets(workspace, step) for step in STEPS} == {
-        "intrinsics": [board], "extrinsics": [cube], "verify": sorted([small, board])
+        "intrinsics": [board], "extrinsics": [cube], "verify": [board, "targets/small.toml"]
     }  # fmt: skip
-    few = SIZES | {"columns": 4, "rows": 3}
     words = r"at least 8 corners .* got 6 on one of 4 x 3"
-    refusal(CalibrationError, words, lambda: calibrations.print_targets(workspace, few, "a4", "intrinsics"))
+    refusal(CalibrationError, words, calibrations.print_targets, workspace, few, "a4")
     target = read_target(workspace.existing(cube))
     refusal(InputError, "a board for the lenses and the verification", calibrations.check_target, target, "verify")
 
 
 def test_a_calculation_refuses_the_target_of_another_step(workspace: StudioWorkspace) -> None:
-    cube, _ = calibrations.print_targets(workspace, SIZES, "a4", "intrinsics")
+    cube, _ = calibrations.print_targets(workspace, SIZES, "a4")
     arguments = {"step": "verify", "folder": READY.folder, "recording": recorded(workspace, "verify"), "target": cube}
     refusal(InputError, "a board for the lenses and the verification", calibrate.run, arguments, workspace, None)
-
-
-def test_lights_turn_good_as_things_are_known() -> None:
-    assert {light.state for light in none_yet().lights("left").values()} == {"off"}
-    assert {light.state for name, light in after(*STEPS).lights("left").items() if name != "overlap"} == {"good"}
-    failed = changed(after(*STEPS), "verify", result=result("verify", False))
-    assert failed.lights("left")["verified"].state == "bad"
-
-
-@pytest.mark.parametrize(
-    ("linked", "covered", "state"), [(1.0, 1.0, "good"), (0.4, 1.0, "doubt"), (1.0, 0.2, "doubt"), (0.0, 1.0, "bad")]
-)
-def test_overlap_needs_a_partner_and_the_image(linked: float, covered: float, state: str) -> None:
-    count, parts = round(linked * ENOUGH_TOGETHER), np.arange(48).reshape(6, 8) < covered * ENOUGH_SHARE * 48
-    seen = {"together": [[99, count], [count, 99]], "cells": [parts.astype(int).tolist()] * 2}
-    assert filmed(none_yet(), "extrinsics", **seen).lights("left")["overlap"].state == state
 
 
 def test_a_project_is_found_again_with_its_newest_recording(workspace: StudioWorkspace) -> None:
     assert calibrations.projects(workspace) == {"room": READY}
     before = calibrations.stamp(workspace, READY)
     for number in (1, 2):
-        seen = SeenTarget(cameras=["left"], enough=number == 2)
+        seen = SeenTarget(enough=number == 2)
         write_stored(workspace.folder(f"{READY.folder}/verify-{number}") / SEEN, seen)
     workspace.folder(f"{READY.folder}/verify-3")
     write_stored(workspace.path(READY.folder) / "verify.json", result("verify", recording=f"{READY.folder}/verify-1"))
-    known = calibrations.known_of(workspace, READY, ["left"])
+    known = calibrations.known_of(workspace, READY)
     assert before != calibrations.stamp(workspace, READY) == calibrations.stamp(workspace, READY)
     assert known["verify"].recording == f"{READY.folder}/verify-2" and known["verify"].seen == seen
     assert [step for step in STEPS if known[step].recording] == ["verify"]
-    assert not known["verify"].passed and known.cameras == ("left",)
+    assert not known["verify"].passed
     with pytest.raises(InputError):
         calibrations.save_project(workspace, replace(READY, name="../x"))
 
@@ -304,30 +277,3 @@ def test_each_step_asks_for_what_it_needs_and_no_more() -> None:
         assert "same time" not in calibrations.advice_for("intrinsics", alone)
         assert not any("target" in calibrations.advice_for(step, found) for step in STEPS)
         assert calibrations.enough_for("verify", replace(found, cells=np.zeros_like(cells))) == ready["verify"]
-
-
-def test_lenses_from_a_cube_need_it_near_and_far() -> None:
-    found = TargetCoverage(("a", "b"), np.ones((2, 6, 8)), np.full((2, 2), ENOUGH_TOGETHER))
-    assert calibrations.enough_for("extrinsics", found) and calibrations.enough_for("extrinsics", found, np.full(2, NEAR_FAR))
-    assert not calibrations.enough_for("extrinsics", found, np.array([9.0, 1.1]))
-    assert "near b" in calibrations.advice_for("extrinsics", found, np.array([9.0, 1.1]))
-
-
-def test_sizes_in_an_image_show_the_range_of_distances() -> None:
-    square, focal_px = np.array([[-1, 1, 0], [1, 1, 0], [1, -1, 0], [-1, -1, 0]]) * 0.1, 500.0
-    sizes = []
-    for distance_m in np.linspace(2.0, 4.0, 100):
-        turn, _ = cv2.Rodrigues(np.array([0.0, 0.7, 0.0]))
-        xyz = square @ turn.T + [0, 0, distance_m]
-        sizes.append(calibrations.size_of(focal_px * xyz[:, :2] / xyz[:, 2:], np.zeros(4)))
-    near, far = np.quantile(np.linspace(2.0, 4.0, 100), [0.05, 0.95])
-    assert calibrations.near_far_of([sizes, []]) == pytest.approx([far / near, 1.0], rel=0.05)
-    assert np.isnan(calibrations.size_of(np.zeros((3, 2)), np.zeros(3)))
-
-
-def test_a_check_blames_the_cameras_that_it_names_and_no_other() -> None:
-    text = "rig cam1 and cam-2: seen 3 times"
-    assert calibrations.named_cameras(text, ("cam1", "cam10", "cam", "cam-2", "cam3", "2")) == ("cam1", "cam-2")
-    assert calibrations.named_cameras("cam (left) ", ("cam (left)",)) == ("cam (left)",)
-    refusal = result("verify", False, detail="cam1: seen 3 times", remedy="show it to cam3")
-    assert refusal.blames("cam1") and not refusal.blames("cam3") and not result("verify", detail="cam1").blames("cam1")

@@ -6,16 +6,13 @@ import shutil
 from collections.abc import Callable
 from pathlib import Path
 
-import cv2
-import numpy as np
 import pytest
 from small_session import saved_session
 
 import posefuse as pf
 from posefuse.core import Rig
 from posefuse.foundation.output_folder import MARK_FILE
-from posefuse_studio import catalogue
-from posefuse_studio.catalogue import find_recordings, listed, thumbnail
+from posefuse_studio.catalogue import find_recordings, listed
 
 Saved = tuple[Path, Path]
 
@@ -24,12 +21,6 @@ Saved = tuple[Path, Path]
 def saved_walk(tmp_path: Path, ring_rig: Callable[..., Rig]) -> Saved:
     """(session, result)."""
     return saved_session(tmp_path, ring_rig)
-
-
-@pytest.fixture(autouse=True)
-def cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    monkeypatch.setenv("POSEFUSE_CACHE", str(tmp_path / "cache"))
-    return tmp_path / "cache" / catalogue.CACHE_FOLDER
 
 
 def files_below(folder: Path) -> dict[str, float]:
@@ -46,13 +37,12 @@ def test_a_recording_at_a_glance(saved_walk: Saved) -> None:
     assert not (one.live or one.edited or one.problem)
 
 
-def test_the_second_look_comes_from_the_cache(saved_walk: Saved, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_second_look_reads_nothing(saved_walk: Saved, monkeypatch: pytest.MonkeyPatch) -> None:
     _, result = saved_walk
     before = files_below(result)
-    one, picture = listed(result), thumbnail(result)
+    one = listed(result)
     monkeypatch.setattr(pf, "read", lambda *_, **__: pytest.fail("read again"))
     assert listed(result) == one
-    assert thumbnail(result) == picture
     assert files_below(result) == before  # nothing is kept among the recordings
 
 
@@ -64,19 +54,6 @@ def test_one_that_was_changed_is_looked_at_again(saved_walk: Saved) -> None:
     about.write_text(about.read_text().replace("Ada", "Bob"))
     os.utime(about, ns=(1, 1))
     assert listed(result).people == ("Bob",)
-
-
-def test_the_picture_is_small_and_shows_a_view(saved_walk: Saved) -> None:
-    _, result = saved_walk
-    picture = cv2.imdecode(np.frombuffer(thumbnail(result), np.uint8), cv2.IMREAD_COLOR)
-    assert picture.shape[1] <= 320
-    assert picture.std() > 1
-
-
-def test_without_its_videos_it_is_drawn_on_plain_ground(saved_walk: Saved) -> None:
-    session, result = saved_walk
-    shutil.rmtree(session)
-    assert len(thumbnail(result)) > 1000
 
 
 def test_all_below_a_folder_the_newest_first(saved_walk: Saved, tmp_path: Path) -> None:
@@ -107,12 +84,5 @@ def test_one_that_cannot_be_read_has_a_reason(saved_walk: Saved, tmp_path: Path)
     one = listed(result)
     assert "recording.npz" in one.problem
     assert math.isnan(one.sigma_mm)
-    assert "recording.npz" in listed(result).problem  # from the cache
     (tmp_path / "a.mcap").write_bytes(b"no recording")
     assert "a.mcap" in listed(tmp_path / "a.mcap").problem
-
-
-def test_without_a_cache_the_list_is_there_all_the_same(saved_walk: Saved, cache: Path) -> None:
-    _, result = saved_walk
-    cache.parent.write_text("a file in its way")
-    assert listed(result).people == ("Ada",)

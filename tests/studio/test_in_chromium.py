@@ -180,8 +180,8 @@ def test_a_script_in_a_page_sends_nothing_elsewhere(page: Any, errors: list[str]
 # pages, and what is shown when all of a page is there
 CONTROLS_OF = {
     "/": ".pf-found",
-    "/calibrate": ".pf-lights",
-    "/live": "[aria-label^='Name of person']",
+    "/calibrate": ".pf-next",
+    "/live": ".pf-tile",
     "/recordings": ".pf-recording-card",
     "/recordings?open=result": ".pf-clock:has-text(' s')",
     "/simulate": ".pf-plan",
@@ -300,7 +300,7 @@ def test_a_recording_is_played_by_arrows_and_space(page: Any, lab: Lab) -> None:
 def test_the_next_step_is_heard(page: Any, lab: Lab) -> None:
     workspace, base = lab
     open_page(page, f"{base}/calibrate", CONTROLS_OF["/calibrate"])
-    page.get_by_text("Move the cube where two cameras see it").wait_for()
+    page.get_by_text("Show the board to each camera").wait_for()
     assert page.evaluate("window.starts") == 0
     page.get_by_role("switch", name="Sound").focus()
     page.keyboard.press("Space")
@@ -308,8 +308,7 @@ def test_the_next_step_is_heard(page: Any, lab: Lab) -> None:
     # several times the page's own pace: nothing is said again
     page.wait_for_timeout(2500)
     assert page.evaluate("window.starts") == 2
-    recording: Path = workspace.folder("calibrations/room/extrinsics-1")
-    seen = {"cameras": ["cam00", "cam01"], "target": "a.toml"}
-    write_stored(recording / "coverage.json", seen)
-    page.get_by_text("Find where the cameras stand").wait_for()
+    recording: Path = workspace.folder("calibrations/room/intrinsics-1")
+    write_stored(recording / "coverage.json", {"target": "b.toml"})
+    page.get_by_text("Calibrate the lenses").wait_for()
     page.wait_for_function("window.starts === 4")

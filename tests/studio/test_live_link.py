@@ -154,7 +154,7 @@ def test_a_damaged_request_does_not_end_the_session_or_the_next_request() -> Non
 def test_a_status_goes_through_whole(host: Host) -> None:
     camera = CameraStatus(light="good", state="ok", figures="30/s, 2 dropped", size_wh=(640, 480))
     outputs = {"osc": OutputHealth(state="failed", text="no route", where="h:1", taken=3)}
-    status = SessionStatus(cameras={"a": camera}, names={3: "Ada"}, latency_p95_ms=17.5, outputs=outputs, wanted=["osc"])
+    status = SessionStatus(cameras={"a": camera}, latency_p95_ms=17.5, outputs=outputs, wanted=["osc"])
     link = LiveLink(OneJob(host))
     host.status(status)
     in_loop(link, lambda: asyncio.to_thread(until, lambda: link.status == status))

@@ -33,7 +33,7 @@ def watched(record: str, rounds: int, monkeypatch: pytest.MonkeyPatch) -> Feed:
     """Cameras that are looked at until that ends, on a page that is shown in so many rounds of the loop."""
     monkeypatch.setattr(watch, "_UNSEEN_S", SOON_S)
     feed = Feed()
-    one = watch._Watch(feed, False, record, "extrinsics", False)
+    one = watch._Watch(feed, False, record, "extrinsics")
     shown = property(lambda _: feed.checks < rounds)
     one.host = type("Host", (), {"watched": shown, "status": lambda self, values: None})()
     one.run(None)

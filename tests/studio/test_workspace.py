@@ -160,7 +160,7 @@ def test_the_bundled_clip_is_a_setup_whose_videos_begin_again(workspace: StudioW
 
 def test_targets_are_printed_with_what_describes_them(workspace: StudioWorkspace) -> None:
     sizes = {"marker_mm": 120, "columns": 5, "rows": 7, "square_mm": 36}
-    cube, board = print_targets(workspace, sizes, "a4", "intrinsics")
+    cube, board = print_targets(workspace, sizes, "a4")
     assert read_target(workspace.existing(board)) == Charuco(columns=5, rows=7, square_m=0.036, marker_m=0.027)
     assert read_target(workspace.existing(cube)) == Markers(side_m=0.12, ids=(43, 44, 45, 46, 47, 48, 49))
     assert without_floor(read_target(workspace.existing(cube))) == Markers(side_m=0.12, ids=(44, 45, 46, 47, 48, 49))
@@ -168,9 +168,9 @@ def test_targets_are_printed_with_what_describes_them(workspace: StudioWorkspace
     for name in (cube, board):
         assert workspace.existing(name.replace(".toml", ".pdf")).read_bytes().startswith(b"%PDF")
     # again: there are still two
-    print_targets(workspace, sizes, "a4", "intrinsics")
+    print_targets(workspace, sizes, "a4")
     assert targets(workspace, "intrinsics") == [board] and targets(workspace, "extrinsics") == [cube]
-    refusal(InputError, "a number in each field", print_targets, workspace, {"marker_mm": 120}, "a4", "intrinsics")
+    refusal(InputError, "a number in each field", print_targets, workspace, {"marker_mm": 120}, "a4")
 
 
 # --- keys are for this user only; what another user could have written is not read

@@ -7,8 +7,7 @@ from __future__ import annotations
 
 import hashlib
 import itertools
-import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -30,31 +29,25 @@ FOLDER = "calibrations"
 LENSES, RIG, SEEN = "lenses.toml", "rig.toml", "coverage.json"
 Action = Literal["print", "record", "solve", "use"]
 Step = Literal["intrinsics", "extrinsics", "verify"]
-_STEPS: tuple[Step, ...] = ("intrinsics", "extrinsics", "verify")
+STEPS: tuple[Step, ...] = ("intrinsics", "extrinsics", "verify")
+"""In their order; each rests on those before it."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Project:
     """Attributes:
     name: of the folder. setup: preset of the cameras. cube, board: target files; empty while there is none.
-    lenses: whether the lenses are calibrated on their own first, with the board; otherwise from the cube's recording.
     """
 
     name: str = ""
     setup: str
     cube: str = ""
     board: str = ""
-    lenses: bool = True
 
     @property
     def folder(self) -> str:
         """Its name in the workspace."""
         return f"{FOLDER}/{self.name}"
-
-    @property
-    def steps(self) -> tuple[Step, ...]:
-        """In their order; each rests on those before it."""
-        return _STEPS if self.lenses else _STEPS[1:]
 
     def target(self, step: Step) -> str:
         """The target file of a step."""
@@ -63,11 +56,8 @@ class Project:
 
 @dataclass(frozen=True, kw_only=True)
 class SeenTarget:
-    """What the cameras saw of a target in a recording; see `TargetCoverage`. `enough`: for its step."""
+    """That a recording shows a target. `enough`: for its step."""
 
-    cameras: list[str]
-    cells: list[list[list[int]]] = field(default_factory=list)
-    together: list[list[int]] = field(default_factory=list)
     target: str = ""
     enough: bool = True
 
@@ -77,7 +67,7 @@ class StepResult:
     """What a step has given, as `work.calibrate` writes it.
 
     Attributes:
-        reports: one, for lenses one per camera. recording: it was made from. rests_on: see there. cameras: that came out.
+        reports: one, for lenses one per camera. recording: it was made from. rests_on: see there.
         position_cov_m2: see `RigCalibration`. world: where it comes from; empty: not known.
     """
 
@@ -87,7 +77,6 @@ class StepResult:
     reports: list[CalibrationReport]
     recording: str = ""
     rests_on: str = ""
-    cameras: list[str] = field(default_factory=list)
     position_cov_m2: dict[str, list[list[float]]] = field(default_factory=dict)
     world: str = ""
 
@@ -95,10 +84,6 @@ class StepResult:
     def failed(self) -> list[tuple[str, Check]]:
         """The checks that do not hold, of all reports, each with what was calibrated."""
         return [(report.subject, check) for report in self.reports for check in report.failed]
-
-    def blames(self, camera: str) -> bool:
-        """Whether a check that does not hold names a camera."""
-        return any(named_cameras(f"{subject} {check.detail}", [camera]) for subject, check in self.failed)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -139,15 +124,6 @@ class Next:
     step: Step = "extrinsics"
 
 
-@dataclass(frozen=True)
-class Light:
-    """``good``, ``bad``, ``doubt`` or ``off``, and a word on it."""
-
-    state: str
-    text: str
-
-
-_OFF = Light("off", "not yet")
 _RECORD: Mapping[Step, tuple[str, str]] = {
     "intrinsics": ("Show the board to each camera", "Near and far, tilted, into every corner of each image."),
     "extrinsics": (
@@ -165,10 +141,9 @@ _SOLVE: Mapping[Step, str] = {
 
 @dataclass(frozen=True, kw_only=True)
 class Known:
-    """What there is of a project so far; `cameras`: names; `steps`: those of which there is anything."""
+    """What there is of a project so far; `steps`: those of which there is anything."""
 
     project: Project
-    cameras: tuple[str, ...]
     steps: Mapping[Step, StepState] = field(default_factory=dict)
 
     def __getitem__(self, step: Step) -> StepState:
@@ -186,13 +161,13 @@ class Known:
         if not project.cube or not project.board:
             why = "Glue six markers on a stiff box and the board on a flat plate; marker 43 is for the floor. Measure the ruler."
             return Next(words="Print a cube and a board", why=why, action="print")
-        for step in project.steps:
+        for step in STEPS:
             state = self[step]
             if state.passed:
                 continue
             if state.current is not None:
                 _, check = state.current.failed[0]
-                again = _mended_by(check, step, project)
+                again = _mended_by(check, step)
                 why = f"Refused: {check.detail}"
                 return Next(words=check.remedy or check.detail, why=why, action="record", step=again)
             if self.can_solve(step) and state.seen is not None:
@@ -201,57 +176,21 @@ class Known:
             return Next(words=_RECORD[step][0], why=_RECORD[step][1], action="record", step=step)
         return Next(words="The rig is verified", why="Use it for live sessions of these cameras.", action="use", step="verify")
 
-    def step_light(self, step: Step) -> Light:
-        """How far a step is, as a light."""
+    def step_light(self, step: Step) -> tuple[str, str]:
+        """How far a step is: ``good``, ``bad``, ``doubt`` or ``off``, and a word on it."""
         state = self[step]
         if state.current is not None:
-            return Light("good", "passed") if state.passed else Light("bad", "refused")
+            return ("good", "passed") if state.passed else ("bad", "refused")
         if state.outdated:
-            return Light("doubt", "rests on earlier lenses or positions")
-        return Light("doubt", "recorded") if self.can_solve(step) else _OFF
-
-    def lights(self, camera: str) -> dict[str, Light]:
-        """What is known of a camera, by what must be known."""
-        placed = self._light("extrinsics", camera, "placed", _OFF)
-        lenses = Light("good", "from the cube") if placed.state == "good" and not self.project.lenses else _OFF
-        return {
-            "intrinsics": self._light("intrinsics", camera, "from the board", lenses),
-            "overlap": self._overlap(camera),
-            "extrinsics": placed,
-            "verified": self._light("verify", camera, "passed", _OFF) if placed.state == "good" else _OFF,
-        }
-
-    def _light(self, step: Step, camera: str, good: str, otherwise: Light) -> Light:
-        result = self[step].current
-        if result is None or (result.passed and camera not in result.cameras):
-            return otherwise
-        if result.passed:
-            return Light("good", good)
-        to_blame = step == "verify" or result.blames(camera)
-        return Light("bad", "refused") if to_blame else Light("doubt", "waits for the others")
-
-    def _overlap(self, camera: str) -> Light:
-        seen = self["extrinsics"].seen
-        if seen is None or camera not in seen.cameras or not seen.together:
-            return _OFF
-        i = seen.cameras.index(camera)
-        linked = max((count for j, count in enumerate(seen.together[i]) if j != i), default=0) / ENOUGH_TOGETHER
-        covered = float((np.asarray(seen.cells[i]) > 0).mean()) / ENOUGH_SHARE
-        if min(linked, covered) >= 1.0:
-            return Light("good", "enough")
-        return Light("doubt", f"{min(linked, covered):.0%} of what is needed") if linked else Light("bad", "seen with no other")
+            return "doubt", "rests on earlier lenses or positions"
+        return ("doubt", "recorded") if self.can_solve(step) else ("off", "not yet")
 
 
-def _mended_by(check: Check, step: Step, project: Project) -> Step:
+def _mended_by(check: Check, step: Step) -> Step:
     """The step to record again where a check of a step fails: that step, or an earlier one that is to blame."""
-    if check.kind == "lenses" and project.lenses:
+    if check.kind == "lenses":
         return "intrinsics"
     return "extrinsics" if check.kind == "rig" else step
-
-
-def named_cameras(text: str, cameras: Sequence[str]) -> tuple[str, ...]:
-    """The cameras that stand in a text, as whole words."""
-    return tuple(name for name in cameras if re.search(rf"(?<![\w-]){re.escape(name)}(?![\w-])", text))
 
 
 def projects(workspace: StudioWorkspace) -> dict[str, Project]:
@@ -268,12 +207,12 @@ def save_project(workspace: StudioWorkspace, project: Project) -> None:
     write_stored(workspace.folder(project.folder) / "project.json", project)
 
 
-def known_of(workspace: StudioWorkspace, project: Project, cameras: Sequence[str]) -> Known:
+def known_of(workspace: StudioWorkspace, project: Project) -> Known:
     """The content of the files of a project."""
     folder = workspace.path(project.folder)
     steps: dict[Step, StepState] = {}
     placed_ns = 0
-    for step in _STEPS:
+    for step in STEPS:
         result = read_stored(folder / f"{step}.json", StepResult)
         taken = max(_recordings(folder, step, result), key=_recorded_ns, default=None)
         outdated = result is not None and result.rests_on != rests_on(folder, step)
@@ -284,7 +223,7 @@ def known_of(workspace: StudioWorkspace, project: Project, cameras: Sequence[str
             steps[step] = replace(steps[step], recording=f"{project.folder}/{taken.name}", seen=seen)
         if taken is not None and step == "extrinsics":
             placed_ns = _recorded_ns(taken)
-    return Known(project=project, cameras=tuple(cameras), steps=steps)
+    return Known(project=project, steps=steps)
 
 
 def _recordings(folder: Path, step: Step, result: StepResult | None) -> Iterator[Path]:
@@ -327,11 +266,11 @@ FLOOR_ID = 43
 _CUBE_IDS = (FLOOR_ID, *range(FLOOR_ID + 1, 50))
 
 
-def print_targets(workspace: StudioWorkspace, settings: Mapping[str, Any], page: str, lenses: Step) -> tuple[str, str]:
+def print_targets(workspace: StudioWorkspace, settings: Mapping[str, Any], page: str) -> tuple[str, str]:
     """Print a cube, with a marker for the floor, and a board; gives the names of their descriptions, next to which PDF files lie.
 
     Args:
-        settings: ``marker_mm`` of the cube; ``columns``, ``rows`` and ``square_mm`` of the board. lenses: a step for it.
+        settings: ``marker_mm`` of the cube; ``columns``, ``rows`` and ``square_mm`` of the board.
 
     Raises:
         PosefuseError: targets that cannot be, that do not fit on the page, or that cannot serve.
@@ -341,8 +280,11 @@ def print_targets(workspace: StudioWorkspace, settings: Mapping[str, Any], page:
     board = {**settings, "kind": "charuco", "marker_mm": 0.75 * settings["square_mm"]}
     cube = {"kind": "markers", "marker_mm": settings["marker_mm"], "ids": _CUBE_IDS}
     sizes_m = {f"{name}_m": board[f"{name}_mm"] / 1e3 for name in ("square", "marker")}
-    check_target(Charuco(columns=board["columns"], rows=board["rows"], **sizes_m), lenses)
-    named = {f"cube {cube['marker_mm']:g} mm": cube, f"board {board['columns']}x{board['rows']} {board['square_mm']:g} mm": board}
+    check_target(Charuco(columns=board["columns"], rows=board["rows"], **sizes_m), "intrinsics")
+    named = {
+        f"cube {cube['marker_mm']:g} mm": cube,
+        f"board {board['columns']:g}x{board['rows']:g} {board['square_mm']:g} mm": board,
+    }
     place = workspace.folder(TARGETS)
     made = [pf.print_target(place / f"{name}.pdf", one, page=page, replace=True) for name, one in named.items()]
     return workspace.name_of(made[0].target), workspace.name_of(made[1].target)
@@ -377,43 +319,19 @@ def check_target(target: Target, step: Step) -> None:
         check_board(target)
 
 
-# the calibration of lenses from a cube needs 1.3, see `Limits.own_depth_ratio`; the rest is for the error of sizes
-NEAR_FAR = 1.45
-
-
-def enough_for(step: Step, found: TargetCoverage, near_far: Array | None = None) -> bool:
-    """Lenses need each image covered; a verification needs each camera to share views with another; positions need both.
-
-    Args:
-        found: what is covered. near_far: (C,) of `near_far_of`, where the recording is to give the lenses, too; None: it is not.
-    """
+def enough_for(step: Step, found: TargetCoverage) -> bool:
+    """Lenses need each image covered; a verification needs each camera to share views with another; positions need both."""
     if step == "intrinsics":
         return bool((found.share >= ENOUGH_SHARE).all())
     if step == "verify":
         # three times the least that `verify` takes
         return bool((_shared(found) >= ENOUGH_TOGETHER).all())
-    return found.enough and (near_far is None or bool((near_far >= NEAR_FAR).all()))
+    return found.enough
 
 
-def near_far_of(sizes_px: Sequence[Sequence[float]]) -> Array:
-    """(C,) by how much a target looked larger from near than from far, for the sizes of its views in each camera; 1: unknown.
-
-    The largest edge of a square is hardly shortened by a tilt, so that sizes stand for distances.
-    """
-    spans = [np.quantile(one, [0.05, 0.95]) if len(one) > 1 else np.ones(2) for one in sizes_px]
-    return np.array([far / near for near, far in spans])
-
-
-def size_of(xy_img: Array, patch: Array) -> float:
-    """The longest edge, px, of the squares (n, 2) corners of a frame, four to a patch (n,); NaN without a whole one."""
-    squares = [xy_img[patch == one] for one in np.unique(patch)]
-    edges = [np.linalg.norm(one - np.roll(one, 1, axis=0), axis=1).max() for one in squares if len(one) == 4]
-    return float(max(edges, default=np.nan))
-
-
-def advice_for(step: Step, found: TargetCoverage, near_far: Array | None = None) -> str:
-    """What to do next, in words; arguments as of `enough_for`."""
-    if enough_for(step, found, near_far):
+def advice_for(step: Step, found: TargetCoverage) -> str:
+    """What to do next, in words."""
+    if enough_for(step, found):
         return _named("enough: stop moving the target", step)
     if step == "intrinsics":
         # no camera needs another one: as if all were linked
@@ -423,9 +341,6 @@ def advice_for(step: Step, found: TargetCoverage, near_far: Array | None = None)
         shared = _shared(found)
         camera = int(np.argmin(shared))
         return f"show the board to {found.cameras[camera]} and another camera: {shared[camera]} of {ENOUGH_TOGETHER}"
-    if found.enough and near_far is not None:
-        camera = int(np.argmin(near_far))
-        return f"move the cube near {found.cameras[camera]}, and far away from it"
     return _named(found.advice(), step)
 
 

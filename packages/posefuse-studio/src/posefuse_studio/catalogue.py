@@ -1,35 +1,22 @@
-"""The recordings below a folder with how good each is at a glance.
-
-Figures are kept in posefuse's cache folder, by content of the files that they are about, never among the recordings.
-"""
+"""The recordings below a folder with how good each is at a glance."""
 
 from __future__ import annotations
 
-import hashlib
-import json
 import os
 from collections.abc import Iterator
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
+from functools import lru_cache
 from pathlib import Path
-from typing import Literal
-
-import numpy as np
 
 import posefuse as pf
 from posefuse.core import PosefuseError
-from posefuse.foundation.output_file import atomic_file
 from posefuse.foundation.output_folder import MARK_FILE, read_mark
-from posefuse.foundation.platform import default_cache_dir
 
-CACHE_FOLDER = "recordings"
 # how deep recordings may lie below the folder: STUDY/P01/walk1/RESULT
 _DEEPEST = 5
 # a live session of more is listed without figures, which would take long to read
 _MOST_LIVE_BYTES = 200_000_000
-_VERSION = 2
-# when a recording is marked in a list, so that it is looked at first; a choice by eye, not a verdict
-_COVERAGE_GOOD, _COVERAGE_BAD = 0.9, 0.5
-_SIGMA_GOOD_MM, _SIGMA_BAD_MM = 20.0, 50.0
+_MOST_RECORDINGS = 2000
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -58,21 +45,13 @@ class Listed:
     edited: bool = False
     problem: str = ""
 
-    def mark(self) -> Literal["good", "doubt", "bad", "off"]:
-        """How good it is at a glance; ``off`` where that is not known."""
-        if self.problem or not np.isfinite([self.coverage, self.sigma_mm]).all():
-            return "off"
-        if self.coverage < _COVERAGE_BAD or self.sigma_mm > _SIGMA_BAD_MM:
-            return "bad"
-        return "good" if self.coverage >= _COVERAGE_GOOD and self.sigma_mm <= _SIGMA_GOOD_MM else "doubt"
-
     def matches(self, search: str) -> bool:
         """Whether every word of the search is in its path, session, date or people; capital letters make no difference."""
         text = " ".join((str(self.path), self.session, self.recorded, *self.people)).lower()
         return all(word in text for word in search.lower().split())
 
 
-def find_recordings(folder: Path, most: int = 2000) -> list[Path]:
+def find_recordings(folder: Path, most: int = _MOST_RECORDINGS) -> list[Path]:
     """Result folders and .mcap files below a folder, the newest first; at most so many.
 
     Hidden folders are left out, links are not followed.
@@ -82,17 +61,10 @@ def find_recordings(folder: Path, most: int = 2000) -> list[Path]:
 
 
 def listed(path: Path) -> Listed:
-    """A recording at a glance, from the cache where its files have not changed; one that cannot be read has a `problem`."""
-    place = cache_place(path, "json")
-    if place.is_file():
-        try:
-            known = json.loads(place.read_text(encoding="utf-8"))
-            return Listed(**{**known, "path": path, "people": tuple(known["people"])})
-        except (OSError, ValueError, TypeError, KeyError):
-            pass  # not as this version writes it: made again
-    one = _looked_at(path)
-    keep_cached(place, json.dumps({**asdict(one), "path": ""}).encode())
-    return one
+    """A recording at a glance; one that cannot be read has a `problem`. It is read again where its files have changed."""
+    files = sorted(one for one in path.iterdir() if one.is_file()) if path.is_dir() else [path]
+    states = [one.stat() for one in files if one.is_file()]
+    return _looked_at(path, tuple((one.st_size, one.st_mtime_ns) for one in states))
 
 
 def _found(folder: Path, depth: int) -> Iterator[Path]:
@@ -135,25 +107,9 @@ def _modified_s(path: Path) -> float:
         return 0.0
 
 
-def cache_place(path: Path, suffix: str) -> Path:
-    """Where what is known of the recording is kept: by place, size and time of its files."""
-    files = sorted(one for one in path.iterdir() if one.is_file()) if path.is_dir() else [path]
-    about = [f"{one.name} {one.stat().st_size} {one.stat().st_mtime_ns}" for one in files if one.is_file()]
-    name = hashlib.sha256("\n".join([str(path.resolve()), str(_VERSION), *about]).encode()).hexdigest()[:32]
-    return default_cache_dir() / CACHE_FOLDER / f"{name}.{suffix}"
-
-
-def keep_cached(place: Path, content: bytes) -> None:
-    """Into the cache; where it cannot be written, everything is made again the next time."""
-    try:
-        place.parent.mkdir(parents=True, exist_ok=True)
-        with atomic_file(place) as staged:
-            staged.write_bytes(content)
-    except (OSError, PosefuseError):
-        return
-
-
-def _looked_at(path: Path) -> Listed:
+@lru_cache(_MOST_RECORDINGS)
+def _looked_at(path: Path, files: tuple[tuple[int, int], ...]) -> Listed:
+    """`files`: size and time of each, for which it is kept."""
     live, modified_s = _is_live(path), _modified_s(path)
     try:
         if live and path.stat().st_size > _MOST_LIVE_BYTES:
@@ -176,26 +132,3 @@ def _looked_at(path: Path) -> Listed:
         reprojection_px=figures["median_reprojection_px"],
         edited=bool(recording.provenance.get("edits")),
     )
-
-
-# A small image of a recording, for lists; kept in the cache folder, as figures of it are.
-
-_WIDTH_PX = 320
-
-
-def thumbnail(path: Path, within: Path | None = None) -> bytes:
-    """A small JPEG of a recording: its best seen view with the skeleton on top, from the cache where there is one.
-
-    Args:
-        within: a folder that its videos must lie in; None: anywhere.
-
-    Raises:
-        PosefuseError: the recording cannot be read.
-    """
-    place = cache_place(path, "jpg")
-    if place.is_file():
-        return place.read_bytes()
-    with pf.read(path).playback(within=within) as playback:
-        made = playback.best_tile_jpeg(_WIDTH_PX)
-    keep_cached(place, made)
-    return made

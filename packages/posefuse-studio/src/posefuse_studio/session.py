@@ -37,7 +37,7 @@ class CameraStatus:
 
     Attributes:
         light: how it is, see `shell.light`. state: one word. text: what is wrong, and what to do; empty where nothing is.
-        figures: size and rates in a line. size_wh: of its images; None before the first.
+        figures: size, rates or latency in a line. size_wh: of its images; None before the first.
     """
 
     light: Literal["good", "doubt", "bad"]
@@ -53,7 +53,7 @@ class SessionStatus:
 
     Attributes:
         cameras: by name. recording: the folder that is recorded to, for so many `seconds`; empty while none is.
-        people, names: ids of the people seen, and names that were given. person: whose angles, named `plots`, are shown.
+        people: ids of those seen. person: whose angles, named `plots`, are shown.
         outputs: by name. wanted: those that were switched on. latency_p95_ms: None while it is not known.
         news, refused: newest lines of what happened, and of requests that could not be met.
         words, enough: what to do with the target, and whether what was seen of it is enough.
@@ -63,7 +63,6 @@ class SessionStatus:
     recording: str = ""
     seconds: float = 0.0
     people: list[int] = field(default_factory=list)
-    names: dict[int, str] = field(default_factory=dict)
     person: int | None = None
     plots: list[str] = field(default_factory=list)
     outputs: dict[str, OutputHealth] = field(default_factory=dict)

@@ -8,16 +8,14 @@ from contextlib import contextmanager
 from functools import partial
 from itertools import islice
 from pathlib import Path
-from typing import Annotated, Any, TypeVar, get_args, get_origin
+from typing import TypeVar
 from urllib.parse import urlencode
 
 import segno
-from annotated_types import Ge, Le
 from nicegui import ui
 
 from posefuse.core import PosefuseError
 from posefuse.detection import named_networks
-from posefuse.foundation.settings import setting_of
 from posefuse.foundation.summary import Block, Cell, Facts, Heading, Note, Table
 from posefuse_studio.access import is_loopback
 from posefuse_studio.jobs import LIVE, WATCH, Job, Report
@@ -313,29 +311,6 @@ def _foot(link: LiveLink, name: str) -> None:
                 small(now.text)
 
     redrawn(lambda: link.status.cameras.get(name), draw, classes="w-full gap-1")
-
-
-def number_fields(cls: type[Any], named: Mapping[str, tuple[str, float]]) -> Callable[[], dict[str, Any]]:
-    """Place a field for each number among the settings of a class.
-
-    Args:
-        named: label and first value, by dotted key.
-
-    Returns:
-        Gives what was set by dotted key: what ``settings=`` of the public functions takes.
-    """
-    fields: dict[str, tuple[type[Any], ui.number]] = {}
-    for key, (label, value) in named.items():
-        setting = setting_of(cls, key)
-        # of a setting that may be left out, what it is otherwise
-        hint = next((one for one in get_args(setting.annotated) if get_origin(one) is Annotated), setting.annotated)
-        kind, *constraints = get_args(hint)
-        limits: dict[type, Any] = {type(one): one for one in constraints}
-        least, most = limits[Ge].ge if Ge in limits else None, limits[Le].le if Le in limits else None
-        field = ui.number(label, value=value, min=least, max=most, precision=0 if kind is int else None)
-        fields[key] = kind, field.classes("pf-number").tooltip(setting.help)
-    # what is typed is a float, also in a field of whole numbers
-    return lambda: {key: kind(field.value) for key, (kind, field) in fields.items() if field.value is not None}
 
 
 def network_field(usual: str) -> ui.select:

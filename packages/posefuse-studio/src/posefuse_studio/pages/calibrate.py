@@ -11,12 +11,13 @@ import numpy as np
 from nicegui import ui
 
 import posefuse as pf
-from posefuse.calibration.settings import PAGES_M, TargetDescription
+from posefuse.calibration.settings import PAGES_M
 from posefuse.core import InputError, PosefuseError
 from posefuse_studio.calibrations import (
     FLOOR_ID,
     FOLDER,
     RIG,
+    STEPS,
     Action,
     Known,
     Next,
@@ -42,7 +43,6 @@ from posefuse_studio.shell import (
     file_address,
     job_lines,
     light,
-    number_fields,
     redrawn,
     show_summary,
     small,
@@ -55,6 +55,13 @@ _LARGER = 50.0
 _NO_FLOOR = (
     f"No marker {FLOOR_ID} was seen on the floor: up is estimated from the cameras, and the height of the floor is not known. Lay"
     " it down and record again, so that people stand on the floor."
+)
+# of the targets to print: setting, words, usual value
+_SIZES = (
+    ("marker_mm", "Cube: square, mm", 120),
+    ("columns", "Board: squares across", 5),
+    ("rows", "down", 7),
+    ("square_mm", "square, mm", 36),
 )
 _BUTTONS = {
     "print": ("Print targets", "print"),
@@ -111,7 +118,7 @@ def _new(studio: Studio, show: Callable[[str], None]) -> None:
         return
 
     def begin() -> None:
-        project = Project(name=name.value.strip(), setup=setup.value, lenses=lenses.value)
+        project = Project(name=name.value.strip(), setup=setup.value)
         if project.name in projects(studio.workspace):
             raise InputError(f"{project.name}: there is a calibration of this name; each of its steps can be done again")
         save_project(studio.workspace, project)
@@ -120,7 +127,6 @@ def _new(studio: Studio, show: Callable[[str], None]) -> None:
     with dialog("New calibration", {"Begin": begin}):
         name = ui.input("Name", value=studio.workspace.free_name(FOLDER, "room").rpartition("/")[2]).classes("w-64")
         setup = ui.select(names, value=names[-1], label="Cameras").classes("w-64")
-        lenses = ui.checkbox("Calibrate the lenses first (more exact)", value=True)
 
 
 class _Guide:
@@ -129,7 +135,7 @@ class _Guide:
     def __init__(self, studio: Studio, project: Project, stream: str) -> None:
         self._studio, self._project, self._stream = studio, project, stream
         self._setup = setup_named(studio.workspace, project.setup)
-        self._read: tuple[object, Known] = None, Known(project=project, cameras=())
+        self._read: tuple[object, Known] = None, Known(project=project)
 
     def build(self) -> None:
         """Place it, and keep it as the files are."""
@@ -142,7 +148,6 @@ class _Guide:
             redrawn(lambda: (self._known, *self._jobs()), lambda _: self._show_work(), classes="w-full gap-2")
             job_lines(self._studio, self._concerns, most=1)
         redrawn(self._sizes, self._show_tiles)
-        redrawn(lambda: self._known, lights_card)
         with ui.element("div").classes("pf-halves"):
             redrawn(lambda: self._known["extrinsics"].result, self._show_rig)
             redrawn(lambda: (self._known, any(self._jobs())), self._show_steps, classes="pf-column")
@@ -154,7 +159,7 @@ class _Guide:
         workspace, project = self._studio.workspace, self._project
         now = stamp(workspace, project), project
         if now != self._read[0]:
-            self._read = now, known_of(workspace, project, tuple(self._setup.sources))
+            self._read = now, known_of(workspace, project)
         return self._read[1]
 
     def _mine(self, job: Job | None) -> bool:
@@ -220,14 +225,14 @@ class _Guide:
     def _print(self) -> None:
         """Make or choose the targets."""
         workspace = self._studio.workspace
-        lenses: Step = "intrinsics" if self._project.lenses else "verify"
 
         async def make() -> None:
-            names = await asyncio.to_thread(print_targets, workspace, cube() | board(), str(page.value), lenses)
-            for choice, step, name in zip((cubes, boards), ("extrinsics", lenses), names, strict=True):
-                choice.set_options(targets(workspace, step), value=name)
+            given = {name: field.value for name, field in sizes.items() if field.value is not None}
+            cube, board = await asyncio.to_thread(print_targets, workspace, given, str(page.value))
+            cubes.set_options(targets(workspace, "extrinsics"), value=cube)
+            boards.set_options(targets(workspace, "intrinsics"), value=board)
             with made:
-                for name in names:
+                for name in (cube, board):
                     pdf = name.replace(".toml", ".pdf")
                     ui.link(f"Open {pdf}", file_address(pdf), new_tab=True)
                 small(f"Print at 100 %, then measure the ruler on the sheet. Marker {FLOOR_ID} is for the floor.")
@@ -244,18 +249,15 @@ class _Guide:
 
         with dialog("Targets", {"Use these": use}):
             page = ui.select(list(PAGES_M), value="a4", label="Paper").classes("w-32")
-            cube = number_fields(TargetDescription, {"marker_mm": ("Cube: square, mm", 120)})
             with ui.row().classes("items-end gap-3"):
-                sizes = {"columns": ("Board: squares across", 5), "rows": ("down", 7), "square_mm": ("square, mm", 36)}
-                board = number_fields(TargetDescription, sizes)
+                sizes = {name: ui.number(text, value=value, min=1).classes("pf-number") for name, text, value in _SIZES}
             made = ui.column().classes("gap-1")
             ui.button("Make PDF files", icon="picture_as_pdf", on_click=make).props("outline")
-            cubes, boards = choice("Cube in use", "extrinsics"), choice("Board in use", lenses)
+            cubes, boards = choice("Cube in use", "extrinsics"), choice("Board in use", "intrinsics")
 
     def _start(self, work: str, text: str, step: Step, **more: object) -> None:
         project = self._project
-        lenses = step == "extrinsics" and not project.lenses
-        arguments = {"folder": project.folder, "step": step, "target": project.target(step), "lenses": lenses, **more}
+        arguments = {"folder": project.folder, "step": step, "target": project.target(step), **more}
         self._studio.jobs.start(work, text, arguments)
 
     def _record(self, step: Step) -> None:
@@ -302,7 +304,7 @@ class _Guide:
 
     def _show_steps(self, state: tuple[Known, bool]) -> None:
         known, busy = state
-        for step in known.project.steps:
+        for step in STEPS:
             if known[step].recording or known[step].result is not None:
                 with card(TITLES[step]) as head:
                     show_step(step, known)
@@ -311,8 +313,8 @@ class _Guide:
 
     def _step_head(self, step: Step, known: Known, *, busy: bool) -> None:
         """How far it is, its report, and buttons to do it again."""
-        shown, report = known.step_light(step), f"{known.project.folder}/{_REPORTS[step]}"
-        light(shown.state, shown.text)
+        report = f"{known.project.folder}/{_REPORTS[step]}"
+        light(*known.step_light(step))
         if self._studio.workspace.path(report).is_file():
             ui.link("Report", file_address(report), new_tab=True)
         if not busy:
@@ -328,20 +330,6 @@ _RESTS: Mapping[Step, str] = {
     "verify": "Nothing rests on it: repeat it whenever a camera may have been touched.",
 }
 _REPORTS = {"intrinsics": "lenses.html", "extrinsics": "rig.html", "verify": "verified.html"}
-
-
-def lights_card(known: Known) -> None:
-    """A row per camera, a light per thing that must be known."""
-    rows = {camera: known.lights(camera) for camera in known.cameras}
-    names = list(next(iter(rows.values()), {}))
-    columns = f"auto repeat({len(names)}, minmax(max-content, 1fr))"
-    with card("Cameras"), ui.element("div").classes("pf-lights").style(f"grid-template-columns: {columns}"):
-        for name in ("", *names):
-            small(name)
-        for camera, row in rows.items():
-            ui.label(camera).classes("pf-h2")
-            for one in row.values():
-                light(one.state, one.text)
 
 
 def show_step(step: Step, known: Known) -> None:

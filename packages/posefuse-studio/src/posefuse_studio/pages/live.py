@@ -9,8 +9,6 @@ from functools import partial
 from nicegui import ui
 
 from posefuse.core import InputError
-from posefuse.outputs.drawing import person_rgb
-from posefuse.realtime.config import LiveConfig
 from posefuse_studio.jobs import LIVE
 from posefuse_studio.scene import CameraTile, RigScene, ValuePlot, first_angles
 from posefuse_studio.session import SessionStatus
@@ -23,7 +21,6 @@ from posefuse_studio.shell import (
     job_lines,
     light,
     network_field,
-    number_fields,
     redrawn,
     refused,
     small,
@@ -34,7 +31,6 @@ from posefuse_studio.state import Studio
 from posefuse_studio.workspace import check_name
 
 _PARTS = {"skeletons": "Skeleton", "ellipsoids": "Uncertainty", "trails": "Trails", "cameras": "Cameras"}
-_MOST_ROWS = 8
 # what can be switched on: plug-in, words, usual address
 _OUTPUTS = (
     ("ros2", "ROS 2", ""),
@@ -66,11 +62,12 @@ def _start(studio: Studio) -> None:
     with card("Start a session"):
         with ui.row().classes("items-end gap-4"):
             setup = ui.select(choices, value=choices[-1], label="Cameras").classes("w-56")
-            people = number_fields(LiveConfig, {"track.max_people": ("People", 1)})
+            people = ui.number("People", value=1, min=1, precision=0).classes("pf-number")
             network = network_field("chosen by the speed of this machine")
 
         def start() -> None:
-            arguments = {"setup": setup.value, "networks": network.value, "settings": people()}
+            settings = {"track.max_people": int(people.value or 1)}
+            arguments = {"setup": setup.value, "networks": network.value, "settings": settings}
             studio.jobs.start(LIVE, f"Live session of {setup.value}", arguments)
 
         with ui.row().classes("items-center gap-3"):
@@ -98,7 +95,6 @@ def _session(studio: Studio) -> None:
             _figures_card(studio)
             _record_card(studio)
             _angles_card(studio)
-            _people_card(studio)
             _outputs_card(studio)
             _news_card(studio)
 
@@ -178,54 +174,25 @@ def recording_fault(status: SessionStatus) -> str:
 
 
 def _angles_card(studio: Studio) -> None:
-    names = studio.live.status.plots
+    live = studio.live
+    names = live.status.plots
     chosen = first_angles(names)
-    with card("Joint angles"):
+
+    def choose_person(seen: list[int]) -> None:
+        if len(seen) > 1:
+            now = live.status.person if live.status.person in seen else seen[0]
+            options = {person: f"person {person}" for person in seen}
+            ui.select(options, value=now, label="Of", on_change=lambda event: live.ask("person", person=event.value))
+
+    with card("Joint angles") as head:
+        with head:
+            redrawn(lambda: live.status.people, choose_person, classes="")
         choice = ui.select({name: words(name) for name in names}, value=chosen, multiple=True)
         choice.props("dense use-chips").classes("w-full")
         plot = ValuePlot(LIVE, [names.index(name) for name in chosen], chosen)
         if not names:
             small("No angles: the network does not mark enough of the body.")
     choice.on_value_change(lambda event: plot.choose([names.index(one) for one in event.value], event.value))
-
-
-def _people_card(studio: Studio) -> None:
-    """Ids, colours and names; the one whose angles are shown.
-
-    A row stays where its person is lost for a while: what is being typed must not vanish with it.
-    """
-    rows: dict[int, ui.row] = {}
-
-    def show(seen: list[int]) -> None:
-        none_seen.set_visibility(not (seen or rows))
-        for person in seen:
-            if person not in rows:
-                with place:
-                    rows[person] = _person_row(studio, person)
-        for person in [one for one in rows if one not in seen][: max(len(rows) - _MOST_ROWS, 0)]:
-            rows.pop(person).delete()
-        for person, row in rows.items():
-            row.classes(**{"remove" if person in seen else "add": "pf-absent"})
-
-    with card("People"):
-        place = ui.column().classes("gap-2 w-full")
-        none_seen = small("No person is seen by two cameras.")
-        redrawn(lambda: studio.live.status.people, show)
-
-
-def _person_row(studio: Studio, person: int) -> ui.row:
-    red, green, blue = person_rgb(person)
-    live = studio.live
-    with ui.row().classes("items-center gap-3 no-wrap w-full") as row:
-        ui.element("div").classes("pf-dot").style(f"background:rgb({red},{green},{blue})")
-        small(f"id {person}")
-        name = ui.input("Name", value=live.status.names.get(person, "")).props(f'dense aria-label="Name of person {person}"')
-        for done in ("blur", "keydown.enter"):
-            name.classes("w-36").on(done, lambda: live.ask("name", person=person, text=name.value or ""))
-        angles = ui.button("Angles", on_click=lambda: live.ask("person", person=person)).props("flat dense size=sm")
-        angles.bind_visibility_from(live, "status", lambda now: len(now.people) > 1)
-        angles.bind_enabled_from(live, "status", lambda now: now.person != person)
-    return row
 
 
 def _outputs_card(studio: Studio) -> None:

@@ -6,7 +6,6 @@ import asyncio
 import math
 import time
 from datetime import datetime
-from urllib.parse import urlencode
 
 from nicegui import ui
 
@@ -17,11 +16,11 @@ from posefuse_studio.workspace import check_name
 
 from . import recording
 
-_AT_ONCE = 60
+# the newest; others are found by a search
+_MOST_SHOWN = 60
 _POLL_S = 5.0
 # while a list is looked through for the first time
 _SHOW_EVERY_S = 1.0
-_WORDS = {"good": "good", "doubt": "fair", "bad": "poor", "off": "not known"}
 
 
 def build(studio: Studio) -> None:
@@ -39,7 +38,6 @@ class _List:
     def __init__(self, studio: Studio) -> None:
         self._studio = studio
         self._found: list[Listed] = []
-        self._most = _AT_ONCE
         title("Recordings", "Everything that was tracked or recorded live in this workspace, the newest first.")
         with ui.row().classes("pf-tools"):
             self._search = ui.input("Search", on_change=self._show).props('clearable outlined dense aria-label="Search"')
@@ -47,12 +45,11 @@ class _List:
             self._count = small("")
         job_lines(studio, recent("batch", "solve", "simulate_walk"))
         self._grid = ui.element("div").classes("pf-recordings")
-        self._more = ui.button("Show more", on_click=self._show_more).props("flat")
         self._show()
         ui.timer(_POLL_S, self._look)
 
     async def _look(self) -> None:
-        """Bring the list up to date; what is not in the cache takes its time, and is shown as it comes."""
+        """Bring the list up to date; what was not looked at before takes its time, and is shown as it comes."""
         paths = await asyncio.to_thread(find_recordings, self._studio.workspace.root)
         if paths == [one.path for one in self._found]:
             return
@@ -66,17 +63,12 @@ class _List:
             self._found[place] = await asyncio.to_thread(listed, path)
         self._show()
 
-    def _show_more(self) -> None:
-        self._most += _AT_ONCE
-        self._show()
-
     def _show(self) -> None:
         found = [one for one in self._found if one.matches(self._search.value or "")]
-        self._count.set_text(f"{len(found)} of {len(self._found)}" if self._found else "")
-        self._more.set_visibility(len(found) > self._most)
+        self._count.set_text(f"{min(len(found), _MOST_SHOWN)} of {len(self._found)}" if self._found else "")
         self._grid.clear()
         with self._grid:
-            for one in found[: self._most]:
+            for one in found[:_MOST_SHOWN]:
                 self._card(one)
             if not self._found:
                 small("Nothing yet. Record on the page Live, or render a test walk on the page Simulate.")
@@ -84,18 +76,13 @@ class _List:
     def _card(self, one: Listed) -> None:
         name = self._studio.workspace.name_of(one.path)
         with ui.card().classes("pf-card pf-recording-card").props("flat bordered"):
-            with ui.link(target=recording_address(name)) as opening:
-                # not as text of several properties: a file name may have quotes
-                opening.props["aria-label"] = f"Open {name}"
-                image = ui.image(f"/studio/thumbnail?{urlencode({'name': name})}").classes("pf-thumbnail")
-                image.props("no-spinner ratio=1.7778")
             with ui.row().classes("pf-card-head"):
                 ui.link(name, recording_address(name)).classes("pf-recording-name")
             if one.problem:
                 light("bad" if not one.live else "off", one.problem.replace(f"{self._studio.workspace.root}/", ""))
                 return
             small(about(one))
-            light(one.mark(), quality(one))
+            small(quality(one))
 
     def _ask_study(self) -> None:
         def start() -> None:
@@ -131,7 +118,7 @@ def quality(one: Listed) -> str:
     figures = [f"{one.coverage:.0%} present"]
     figures += [f"σ {one.sigma_mm:.0f} mm"] if math.isfinite(one.sigma_mm) else []
     figures += [f"{one.reprojection_px:.1f} px"] if math.isfinite(one.reprojection_px) else []
-    return f"{_WORDS[one.mark()]}: {', '.join(figures)}"
+    return ", ".join(figures)
 
 
 def _date(one: Listed) -> str:

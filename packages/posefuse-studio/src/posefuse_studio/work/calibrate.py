@@ -57,16 +57,15 @@ def run(arguments: Mapping[str, Any], workspace: StudioWorkspace, progress: Any)
 def _intrinsics(folder: Path, videos: Mapping[str, Path], target: Target, progress: Any) -> StepResult:
     found = pf.calibrate_intrinsics(videos, target=target, every=_EVERY, progress=progress)
     found.save(folder / LENSES, report=folder / "lenses.html", replace=True)
-    return StepResult(passed=True, cameras=list(found.rig.names), reports=list(found.reports.values()))
+    return StepResult(passed=True, reports=list(found.reports.values()))
 
 
 def _extrinsics(folder: Path, videos: Mapping[str, Path], target: Target, progress: Any) -> StepResult:
-    lenses = folder / LENSES
     seen = observe_target(videos, target=target, every=_EVERY, progress=progress)
     on_floor = len(seen.of_patches([FLOOR_ID])) > 0 and without_floor(target) != target
     found = pf.calibrate_extrinsics(
         seen,
-        intrinsics=lenses if lenses.is_file() else None,
+        intrinsics=folder / LENSES,
         target=target,
         floor_marker=FLOOR_ID if on_floor else None,
         progress=progress,
@@ -76,7 +75,6 @@ def _extrinsics(folder: Path, videos: Mapping[str, Path], target: Target, progre
     (folder / CLOCKS).write_text(found.clock_settings, encoding="utf-8")
     return StepResult(
         passed=True,
-        cameras=list(found.rig.names),
         reports=[found.report],
         world="from the marker on the floor" if on_floor else "",
         position_cov_m2={name: np.asarray(one).tolist() for name, one in found.position_cov_m2.items()},
@@ -86,4 +84,4 @@ def _extrinsics(folder: Path, videos: Mapping[str, Path], target: Target, progre
 def _verify(folder: Path, videos: Mapping[str, Path], target: Target, progress: Any) -> StepResult:
     found = pf.verify(folder / RIG, videos, target=target, every=_EVERY, progress=progress)
     found.save(folder / "verified.html", replace=True)
-    return StepResult(passed=found.passed, cameras=list(found.rig.names), reports=[found.report])
+    return StepResult(passed=found.passed, reports=[found.report])

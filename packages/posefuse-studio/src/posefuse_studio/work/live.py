@@ -53,20 +53,15 @@ class _Shown:
         self._session, self._rig, self._workspace, self._progress = session, rig, workspace, progress
         self._places = {name: number for number, name in enumerate(rig.names)}
         requests: dict[str, Callable[..., None]] = {
-            "output": self._switch, "record": self._record, "stop_recording": self._stop_recording, "name": self._name,
+            "output": self._switch, "record": self._record, "stop_recording": self._stop_recording,
             "person": self._choose,
         }  # fmt: skip
         self._host = Host({name: partial(self._try, do) for name, do in requests.items()}, self._watched)
-        self._names: dict[int, str] = {}
         self._refused: list[str] = []
         self._person: int | None = None
         # folder of the recording that runs, and since when
         self._recording, self._since_s = "", 0.0
         self._wanted: list[str] = []
-        # frames of each camera so far, since when, and per second
-        self._counts: dict[str, float] = {}
-        self._counted_s = time.monotonic()
-        self._rates_hz: dict[str, float] = {}
         self._begun_s = time.time()
         self._setup_of: tuple[Skeleton, tuple[str, ...]] | None = None
         self._plots: list[str] = []
@@ -135,14 +130,12 @@ class _Shown:
             self._host.publish("setup", setup_message(self._rig, skeleton, faulty=faulty), keep=True)
 
     def _status(self, pose: Pose3D | None) -> SessionStatus:
-        self._count()
         latencies = [one.figures.get("latency_p95_ms", 0.0) for one in self._session.cameras.values()]
         return SessionStatus(
             cameras={camera.name: self._camera(camera.name, camera.size_wh) for camera in self._rig},
             recording=self._recording,
             seconds=time.monotonic() - self._since_s,
             people=[] if pose is None else pose.person_id.tolist(),
-            names=dict(self._names),
             person=self._person,
             plots=self._plots,
             outputs={name: replace(one, text=self._workspace.in_names(one.text)) for name, one in self._session.outputs.items()},
@@ -152,20 +145,13 @@ class _Shown:
             refused=list(self._refused[-_MOST_NEWS:]),
         )
 
-    def _count(self) -> None:
-        """Frames per second of each camera, over a second or more."""
-        seconds = time.monotonic() - self._counted_s
-        if seconds >= 1.0:
-            counts = {name: one.figures.get("captured", 0.0) for name, one in self._session.cameras.items()}
-            self._rates_hz = {name: (count - self._counts.get(name, count)) / seconds for name, count in counts.items()}
-            self._counts, self._counted_s = counts, time.monotonic()
-
     def _camera(self, name: str, size_wh: tuple[int, int]) -> CameraStatus:
         health = self._session.cameras.get(name)
         if health is None:
             return CameraStatus(light="doubt", state="starting", size_wh=size_wh)
-        dropped = health.figures.get("replaced", 0.0)
-        figures = f"{self._rates_hz.get(name, 0.0):.0f}/s" + (f", {dropped:.0f} dropped" if dropped else "")
+        latency_ms, dropped = (health.figures.get(figure, 0.0) for figure in ("latency_p95_ms", "replaced"))
+        # not a number before the first frame
+        figures = (f"{latency_ms:.0f} ms" if latency_ms > 0 else "–") + (f", {dropped:.0f} dropped" if dropped else "")
         good = "good" if health.state == "ok" else "bad"
         return CameraStatus(light=good, state=health.state, text=health.text, figures=figures, size_wh=size_wh)  # type: ignore[arg-type]
 
@@ -190,11 +176,6 @@ class _Shown:
 
     def _choose(self, person: int) -> None:
         self._person = int(person)
-
-    def _name(self, person: int, text: str) -> None:
-        self._session.name_person(int(person), text[:40])
-        self._names[int(person)] = text[:40].strip()
-        self._host.publish("labels", page_message("labels", content=self._names), keep=True)
 
     def _record(self, name: str, poses: bool, videos: bool) -> None:
         """Into a new folder, which `posefuse track` takes as a session when it has videos."""

@@ -1,9 +1,9 @@
 """Cameras without tracking: images with what is wrong in them, and with a target also what is covered so far; videos on request.
 
 Arguments: ``sources`` by camera name; ``target`` (a target file of the workspace; empty: none);
-``record`` (a new folder of the workspace for the videos; empty: none); ``step`` of the calibration that it is for;
-``lenses``: whether they are to come from it, too. It ends when it is cancelled, when its sources end, or, with a target, when
-enough is covered. What is neither recorded nor shown on any page gives the cameras free after a while.
+``record`` (a new folder of the workspace for the videos; empty: none); ``step`` of the calibration that it is for. It ends when
+it is cancelled, when its sources end, or, with a target, when enough is covered. What is neither recorded nor shown on any page
+gives the cameras free after a while.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from posefuse.core import InputError
 from posefuse.core.arrays import Array
 from posefuse.outputs.drawing import jpeg_of, shrunk
 from posefuse.realtime.watching import CameraFeed, CameraNews, FedFrame
-from posefuse_studio.calibrations import SEEN, SeenTarget, Step, advice_for, enough_for, near_far_of, size_of, without_floor
+from posefuse_studio.calibrations import SEEN, SeenTarget, Step, advice_for, enough_for, without_floor
 from posefuse_studio.scene_messages import image_message, setup_message
 from posefuse_studio.session import STATUS_S, CameraStatus, Host, Pace, SessionStatus
 from posefuse_studio.setups import Setup, sources_of_setup
@@ -44,7 +44,7 @@ def run(arguments: Mapping[str, Any], workspace: StudioWorkspace, progress: Any)
     sources = sources_of_setup(workspace, Setup(sources=dict(arguments["sources"])))
     with watch(sources, target=moved, keep=bool(record), loop_s="shortest") as feed:
         videos = workspace.folder(f"{record}/videos") if record else None
-        shown = _Watch(feed, moved is not None, record, arguments.get("step") or "extrinsics", bool(arguments.get("lenses")))
+        shown = _Watch(feed, moved is not None, record, arguments.get("step") or "extrinsics")
         progress.listens(shown.host.address)
         # a user who has seen enough ends it: what was recorded is complete then, too
         with suppress(KeyboardInterrupt):
@@ -55,20 +55,16 @@ def run(arguments: Mapping[str, Any], workspace: StudioWorkspace, progress: Any)
         for name, one in feed.counts().items():
             if not one.finished:
                 raise InputError(f"{record}: the video of {name} is not complete ({one.fault}); record again")
-        found = feed.guidance.coverage
-        cells, together = found.cells.tolist(), found.together.tolist()
-        seen_target = SeenTarget(cameras=list(found.cameras), cells=cells, together=together, target=target, enough=enough)
-        write_stored(workspace.path(record) / SEEN, seen_target)
+        write_stored(workspace.path(record) / SEEN, SeenTarget(target=target, enough=enough))
     return {"record": record, "enough": enough}
 
 
 class _Watch:
     """The loop over the newest frames."""
 
-    def __init__(self, feed: CameraFeed, guided: bool, record: str, step: Step, lenses: bool) -> None:
+    def __init__(self, feed: CameraFeed, guided: bool, record: str, step: Step) -> None:
         self.host = Host()
         self._feed, self._guided, self._record, self._step = feed, guided, record, step
-        self._sizes_px: list[list[float]] | None = [[] for _ in feed.cameras] if lenses else None
         self._paces = [Pace(1 / IMAGES_HZ) for _ in feed.cameras]
         self._news: tuple[CameraNews, ...] = ()
         self._sizes: dict[str, tuple[int, int]] = {}
@@ -78,11 +74,7 @@ class _Watch:
     @property
     def enough(self) -> bool:
         """Whether what is covered is enough for the step."""
-        return enough_for(self._step, self._feed.guidance.coverage, self._near_far)
-
-    @property
-    def _near_far(self) -> Array | None:
-        return None if self._sizes_px is None else near_far_of(self._sizes_px)
+        return enough_for(self._step, self._feed.guidance.coverage)
 
     def run(self, videos: Path | None) -> None:
         """Until the sources end, enough of a target is covered, or no page shows them; an interrupt ends it, too."""
@@ -100,11 +92,7 @@ class _Watch:
     def _take(self, fed: FedFrame) -> None:
         name = self._feed.cameras[fed.camera]
         self._sizes[name] = fed.frame.size_wh
-        xy: Array = np.zeros((0, 2))
-        if fed.corners is not None:
-            xy = fed.corners.xy_img
-            if self._sizes_px is not None and np.isfinite(size_px := size_of(xy, fed.corners.patch)):
-                self._sizes_px[fed.camera].append(size_px)
+        xy: Array = np.zeros((0, 2)) if fed.corners is None else fed.corners.xy_img
         if self.host.watched and self._paces[fed.camera].due():
             self.host.publish(f"image {name}", self._packed(fed, xy))
 
@@ -122,7 +110,7 @@ class _Watch:
             cameras={one.camera: self._camera(one) for one in self._news},
             recording=self._record,
             seconds=time.monotonic() - self._begun_s,
-            words=advice_for(self._step, covered, self._near_far),
+            words=advice_for(self._step, covered),
             enough=self.enough,
         )
 
