@@ -6,13 +6,15 @@ import shutil
 from collections.abc import Callable
 from pathlib import Path
 
+import cv2
+import numpy as np
 import pytest
 from small_session import saved_session
 
 import posefuse as pf
 from posefuse.core import Rig
 from posefuse.foundation.output_folder import MARK_FILE
-from posefuse_studio.catalogue import find_recordings, listed
+from posefuse_studio.catalogue import find_recordings, listed, thumbnail
 
 Saved = tuple[Path, Path]
 
@@ -40,9 +42,10 @@ def test_a_recording_at_a_glance(saved_walk: Saved) -> None:
 def test_the_second_look_reads_nothing(saved_walk: Saved, monkeypatch: pytest.MonkeyPatch) -> None:
     _, result = saved_walk
     before = files_below(result)
-    one = listed(result)
+    one, picture = listed(result), thumbnail(result)
     monkeypatch.setattr(pf, "read", lambda *_, **__: pytest.fail("read again"))
     assert listed(result) == one
+    assert thumbnail(result) == picture
     assert files_below(result) == before  # nothing is kept among the recordings
 
 
@@ -54,6 +57,19 @@ def test_one_that_was_changed_is_looked_at_again(saved_walk: Saved) -> None:
     about.write_text(about.read_text().replace("Ada", "Bob"))
     os.utime(about, ns=(1, 1))
     assert listed(result).people == ("Bob",)
+
+
+def test_the_picture_is_small_and_shows_a_view(saved_walk: Saved) -> None:
+    _, result = saved_walk
+    picture = cv2.imdecode(np.frombuffer(thumbnail(result), np.uint8), cv2.IMREAD_COLOR)
+    assert picture.shape[1] <= 320
+    assert picture.std() > 1
+
+
+def test_without_its_videos_it_is_drawn_on_plain_ground(saved_walk: Saved) -> None:
+    session, result = saved_walk
+    shutil.rmtree(session)
+    assert len(thumbnail(result)) > 1000
 
 
 def test_all_below_a_folder_the_newest_first(saved_walk: Saved, tmp_path: Path) -> None:

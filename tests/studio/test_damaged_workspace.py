@@ -122,14 +122,15 @@ def test_what_is_chosen_is_shown_with_what_is_missing(
     assert "Traceback" not in lab[1].read_text(encoding="utf-8")
 
 
-def test_a_file_name_with_quotes_is_a_name_alone(page: Any, lab: tuple[str, Path]) -> None:
-    page.goto(f"{lab[0]}/recordings")
-    page.get_by_role("link", name=f"{QUOTED}/recording.mcap", exact=True).wait_for()
-    assert page.locator("[data-more]").count() == 0
-    page.goto(lab[0])
+@pytest.mark.parametrize(
+    ("path", "label"),
+    [("/recordings", f"Open {QUOTED}/recording.mcap"), ("/", f"Add {QUOTED}/cam.mp4")],
+    ids=["recording", "video"],
+)
+def test_a_file_name_with_quotes_is_a_name_alone(page: Any, lab: tuple[str, Path], path: str, label: str) -> None:
+    page.goto(f"{lab[0]}{path}")
     page.wait_for_function(
-        "(label) => [...document.querySelectorAll('[aria-label]')].some((one) => one.ariaLabel === label)",
-        arg=f"Add {QUOTED}/cam.mp4",
+        "(label) => [...document.querySelectorAll('[aria-label]')].some((one) => one.ariaLabel === label)", arg=label
     )
     assert page.locator("[data-more]").count() == 0
 

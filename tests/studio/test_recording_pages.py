@@ -130,18 +130,15 @@ def client(workspace: StudioWorkspace) -> TestClient:
     return TestClient(app)
 
 
-NO_FILES = (
-    "../secret.txt",
-    "/etc/passwd",
-    "link",
-    "nowhere.html",
-    "x" * 300,
-    "a/" * 3000 + "b",
-    "\0",
-    "",
-    f"{JOBS_FOLDER}/a",
-    "result",
-)
+def test_a_small_picture_is_fetched_by_name(client: TestClient) -> None:
+    answer = client.get("/studio/thumbnail", params={"name": "result"})
+    assert answer.headers["content-type"] == "image/jpeg"
+    assert cv2.imdecode(np.frombuffer(answer.content, np.uint8), cv2.IMREAD_COLOR) is not None
+    assert client.get("/studio/thumbnail", params={"name": "walk"}).status_code == 404
+    assert client.get("/studio/file", params={"name": "result"}).status_code == 404
+
+
+NO_FILES = ("../secret.txt", "/etc/passwd", "link", "nowhere.html", "x" * 300, "a/" * 3000 + "b", "\0", "", f"{JOBS_FOLDER}/a")
 
 
 @pytest.mark.parametrize("name", NO_FILES, ids=range(len(NO_FILES)))
@@ -150,8 +147,9 @@ def test_no_file_outside_the_workspace_or_of_its_jobs_is_fetched(client: TestCli
     for file in (secret, state):
         file.write_text("what no page shows")
     (workspace.root / "link").symlink_to(secret)
-    answer = client.get("/studio/file", params={"name": name})
-    assert answer.status_code == 404 and "what no page shows" not in answer.text
+    for kind in ("file", "thumbnail"):
+        answer = client.get(f"/studio/{kind}", params={"name": name})
+        assert answer.status_code == 404 and "what no page shows" not in answer.text
 
 
 def test_a_page_of_the_workspace_can_do_nothing_to_the_studio(client: TestClient, workspace: StudioWorkspace) -> None:

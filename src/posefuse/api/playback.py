@@ -13,7 +13,8 @@ from posefuse import core
 from posefuse.core import Closing, PosefuseError, SourceError
 from posefuse.core.arrays import Array
 from posefuse.formats.kept_video import VIDEOS_FOLDER
-from posefuse.outputs.drawing import image_tile, jpeg_of
+from posefuse.outputs.drawing import image_tile, jpeg_of, view_tile
+from posefuse.outputs.overview import best_time_step
 from posefuse.pipeline.opening import source_config
 from posefuse.pipeline.session import Input, Session, find_session
 from posefuse.pipeline.solve import config_of
@@ -148,6 +149,20 @@ class Playback(Closing, Generic[R]):
             detected_px=detected_px,
             projected_px=projected_px,
         )
+
+    def tile_jpeg(self, camera: str, t_ns: int, width_px: int) -> bytes:
+        """What a camera saw nearest to a time with skeletons and detections on top, on plain ground without a frame."""
+        i, c = self.step_at(t_ns), self.cameras.index(camera)
+        found = self._image(camera, t_ns)
+        image = None if found is None else found[1]
+        size_wh = self.recording.rig.cameras[c].size_wh if image is None else (image.shape[1], image.shape[0])
+        return jpeg_of(view_tile(self.recording, i, c, image, _tile_wh(size_wh, width_px), notes=False))
+
+    def best_tile_jpeg(self, width_px: int) -> bytes:
+        """`tile_jpeg` at the time step at which most was measured, of the camera that saw most of it."""
+        i = best_time_step(self.recording)
+        seen = (self.recording.views.score[i] > 0).sum(axis=(0, 2))
+        return self.tile_jpeg(self.cameras[int(np.argmax(seen))], int(self.recording.poses.t_ns[i]), width_px)
 
     def close(self) -> None:
         """Release the videos."""

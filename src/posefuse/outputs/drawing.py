@@ -181,14 +181,34 @@ def person_rgb(person: int) -> tuple[int, int, int]:
     return PEOPLE[person % len(PEOPLE)]
 
 
-def view_tile(recording: Recording, i: int, c: int, image: Array | None, tile_wh: tuple[int, int]) -> Array:
-    """Camera c at time step i: its image, the fused skeleton re-projected, the raw detections, and what is missing."""
+def view_tile(
+    recording: Recording,
+    i: int,
+    c: int,
+    image: Array | None,
+    tile_wh: tuple[int, int],
+    *,
+    notes: bool = True,
+) -> Array:
+    """Camera c at time step i: its image, the fused skeleton re-projected, the raw detections, and what is missing.
+
+    Args:
+        notes: write camera, time and what is missing into the corner.
+    """
     tile = np.empty((tile_wh[1], tile_wh[0], 3), np.uint8)
-    draw_view(tile, recording, i, c, image)
+    draw_view(tile, recording, i, c, image, notes=notes)
     return tile
 
 
-def draw_view(tile: Array, recording: Recording, i: int, c: int, image: Array | None) -> None:
+def draw_view(
+    tile: Array,
+    recording: Recording,
+    i: int,
+    c: int,
+    image: Array | None,
+    *,
+    notes: bool = True,
+) -> None:
     """`view_tile` into a tile (H, W, 3) that may be part of a larger image."""
     camera, poses = recording.rig.cameras[c], recording.poses
     size_wh = camera.size_wh if image is None else (image.shape[1], image.shape[0])
@@ -201,6 +221,8 @@ def draw_view(tile: Array, recording: Recording, i: int, c: int, image: Array | 
         draw_detections(tile, (recording.views.xy_img[i, n, c] + 0.5) * scale - 0.5, recording.views.score[i, n, c])
     for n in range(len(poses.person_id)):
         draw_name(tile, projected[n], recording, n)
+    if not notes:
+        return
     # live, cameras are looked at in turn: at most times an image was not
     if not recording.is_live and not (recording.views.score[i, :, c] > 0).any():
         words.append("no person seen")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import contextlib
 import html
 import logging
@@ -16,6 +17,7 @@ from typing import Any
 
 from posefuse.core import DependencyError, InputError, PosefuseError
 from posefuse.foundation.requests_to_end import HANG_UP, handling, heeded
+from posefuse_studio.catalogue import thumbnail
 
 from .workspace import STATE_FOLDER, StudioWorkspace, private_folder, write_private
 
@@ -72,10 +74,14 @@ def asgi_application(studio: Studio) -> Any:
 
 
 def add_routes(app: Any, workspace: StudioWorkspace) -> None:
-    """Serve ``/studio/file?name=FILE``."""
+    """Serve ``/studio/thumbnail?name=RECORDING`` and ``/studio/file?name=FILE``."""
 
     def missing(request: Request, error: Exception) -> Response:
         return Response(str(error), status_code=404, media_type="text/plain")
+
+    async def small_image(name: str) -> Response:
+        image = await asyncio.to_thread(thumbnail, workspace.existing(name), workspace.root)
+        return Response(image, media_type="image/jpeg", headers={"Cache-Control": "private, max-age=60"})
 
     def file(name: str) -> Response:
         path = workspace.existing(name)
@@ -88,6 +94,7 @@ def add_routes(app: Any, workspace: StudioWorkspace) -> None:
         return FileResponse(path, media_type=kind, filename=path.name)
 
     app.exception_handler(PosefuseError)(missing)
+    app.get("/studio/thumbnail")(small_image)
     app.get("/studio/file")(file)
 
 

@@ -17,6 +17,10 @@ _DEEPEST = 5
 # a live session of more is listed without figures, which would take long to read
 _MOST_LIVE_BYTES = 200_000_000
 _MOST_RECORDINGS = 2000
+# of the picture of a recording
+_WIDTH_PX = 320
+# size and time of each file of a recording
+_Files = tuple[tuple[int, int], ...]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -62,9 +66,19 @@ def find_recordings(folder: Path, most: int = _MOST_RECORDINGS) -> list[Path]:
 
 def listed(path: Path) -> Listed:
     """A recording at a glance; one that cannot be read has a `problem`. It is read again where its files have changed."""
-    files = sorted(one for one in path.iterdir() if one.is_file()) if path.is_dir() else [path]
-    states = [one.stat() for one in files if one.is_file()]
-    return _looked_at(path, tuple((one.st_size, one.st_mtime_ns) for one in states))
+    return _looked_at(path, _files(path))
+
+
+def thumbnail(path: Path, within: Path | None = None) -> bytes:
+    """A small JPEG of a recording: its best seen view with the skeleton on top.
+
+    Args:
+        within: a folder that its videos must lie in; None: anywhere.
+
+    Raises:
+        PosefuseError: the recording cannot be read.
+    """
+    return _pictured(path, within, _files(path))
 
 
 def _found(folder: Path, depth: int) -> Iterator[Path]:
@@ -107,8 +121,14 @@ def _modified_s(path: Path) -> float:
         return 0.0
 
 
+def _files(path: Path) -> _Files:
+    files = sorted(one for one in path.iterdir() if one.is_file()) if path.is_dir() else [path]
+    states = [one.stat() for one in files if one.is_file()]
+    return tuple((one.st_size, one.st_mtime_ns) for one in states)
+
+
 @lru_cache(_MOST_RECORDINGS)
-def _looked_at(path: Path, files: tuple[tuple[int, int], ...]) -> Listed:
+def _looked_at(path: Path, files: _Files) -> Listed:
     """`files`: size and time of each, for which it is kept."""
     live, modified_s = _is_live(path), _modified_s(path)
     try:
@@ -132,3 +152,10 @@ def _looked_at(path: Path, files: tuple[tuple[int, int], ...]) -> Listed:
         reprojection_px=figures["median_reprojection_px"],
         edited=bool(recording.provenance.get("edits")),
     )
+
+
+@lru_cache(_MOST_RECORDINGS)
+def _pictured(path: Path, within: Path | None, files: _Files) -> bytes:
+    """`files`: as in `_looked_at`."""
+    with pf.read(path).playback(within=within) as playback:
+        return playback.best_tile_jpeg(_WIDTH_PX)

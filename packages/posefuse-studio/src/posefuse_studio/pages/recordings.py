@@ -6,6 +6,7 @@ import asyncio
 import math
 import time
 from datetime import datetime
+from urllib.parse import urlencode
 
 from nicegui import ui
 
@@ -76,6 +77,11 @@ class _List:
     def _card(self, one: Listed) -> None:
         name = self._studio.workspace.name_of(one.path)
         with ui.card().classes("pf-card pf-recording-card").props("flat bordered"):
+            with ui.link(target=recording_address(name)) as opening:
+                # not as text of several properties: a file name may have quotes
+                opening.props["aria-label"] = f"Open {name}"
+                image = ui.image(f"/studio/thumbnail?{urlencode({'name': name})}").classes("pf-thumbnail")
+                image.props("no-spinner ratio=1.7778")
             with ui.row().classes("pf-card-head"):
                 ui.link(name, recording_address(name)).classes("pf-recording-name")
             if one.problem:
