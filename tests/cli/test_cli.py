@@ -154,7 +154,7 @@ def test_models_can_be_checked_without_a_network(tmp_path: Path, monkeypatch: py
         (["simulate", "none.yaml", "--out", "x"], "none.yaml: no such file"),
         (["simulate", "none.yaml", "--plan", "--workers", "2"], "--workers 2: goes with --out DIR only"),
         (["simulate", "none.yaml", "--plan", "--force"], "--force: goes with --out DIR or --gazebo DIR only"),
-        (["report", "nowhere"], "nowhere"),
+        (["view", "nowhere"], "nowhere"),
         (["track", "rig.toml", "--out", "x"], "rig.toml: is a file; expected a session folder"),
         (["simulate", "rig.toml", "--out", "x"], "rig.toml: this is another kind of file: expected keys among duration_s, "),
         (["models", "--accept-licence"], "--accept-licence: expected the names of the networks whose terms were read"),

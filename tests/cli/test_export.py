@@ -111,7 +111,7 @@ def test_an_export_of_which_nothing_can_be_written_leaves_no_folder(live, tmp_pa
     assert "no plug-in 'nothing'" in error(capsys, "export", live, "--out", tmp_path / "files", "--outputs", "trc,nothing")
 
 
-# --- the session's images are exported where they are found, and it is stated where they are not
+# --- `posefuse view` shows the session's images where the result does not hold them, and says so where they are not found
 
 
 @pytest.fixture(scope="module")
@@ -126,26 +126,32 @@ def study(demo_session: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
-def images_shown(result: Path, session: Path | None, out: Path) -> bool:
-    """Whether a Rerun recording that is made of the result has images."""
-    named = [] if session is None else ["--session", str(session)]
-    assert main(["export", str(result), "--out", str(out), "--outputs", "rerun", *named]) == 0
-    done = python("-m", "rerun", "rrd", "print", "-vvv", str(out / RerunSink.file))
-    assert done.returncode == 0, done.stderr
-    return "EncodedImage:blob" in done.stdout
+def images_shown(result: Path, session: Path | None, monkeypatch: pytest.MonkeyPatch) -> bool:
+    """Whether the viewer is given images."""
+    listing: list[str] = []
+
+    def listed(path: Path) -> None:
+        done = python("-m", "rerun", "rrd", "print", "-vvv", str(path))
+        assert done.returncode == 0, done.stderr
+        listing.append(done.stdout)
+
+    monkeypatch.setattr("posefuse.outputs.rerun.open_in_viewer", listed)
+    assert main(["view", str(result), *([] if session is None else ["--session", str(session)])]) == 0
+    return "EncodedImage:blob" in listing[0]
 
 
 @pytest.mark.parametrize("result", ["result", "out/deeper"])
-def test_images_of_a_session_near_the_result_are_shown(study: Path, result: str, tmp_path: Path) -> None:
+def test_images_of_a_session_near_the_result_are_shown(study: Path, result: str, monkeypatch: pytest.MonkeyPatch) -> None:
     assert nearby_session(read_recording(study / result), study / result).folder == study / "demo"
-    assert images_shown(study / result, None, tmp_path / "files")
+    assert images_shown(study / result, None, monkeypatch)
 
 
-def test_a_session_elsewhere_is_named_or_missed(study, demo_session, tmp_path, monkeypatch) -> None:
+def test_a_session_elsewhere_is_named_or_missed(study, demo_session, tmp_path, monkeypatch, capsys) -> None:
     result = Path(shutil.copytree(study / "result", tmp_path / "alone"))
     monkeypatch.chdir(tmp_path)
-    assert not images_shown(result, None, tmp_path / "without")
-    assert images_shown(result, demo_session, tmp_path / "with")
+    assert not images_shown(result, None, monkeypatch)
+    assert "without images: no session demo" in " ".join(capsys.readouterr().err.split())
+    assert images_shown(result, demo_session, monkeypatch)
 
 
 def test_an_export_without_its_images_states_so(study: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -166,6 +172,15 @@ def test_another_session_is_refused(study: Path, tmp_path: Path) -> None:
     ):
         session_of_recording(recording, other)
     assert nearby_session(recording, tmp_path / "result") is None
+
+
+def test_a_stored_view_is_shown_as_it_is(study: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    result = Path(shutil.copytree(study / "result", tmp_path / "stored"))
+    (result / RerunSink.file).write_bytes(b"made before")
+    shown: list[bytes] = []
+    monkeypatch.setattr("posefuse.outputs.rerun.open_in_viewer", lambda path: shown.append(path.read_bytes()))
+    assert main(["view", str(result)]) == 0
+    assert shown == [b"made before"]
 
 
 # --- names of folders and files may have letters of all languages, spaces and brackets, in every command that takes them

@@ -15,11 +15,13 @@ from checks import refusal
 from running import python
 from scipy.spatial.transform import Rotation
 
+import posefuse as pf
 from posefuse.core import DependencyError, InputError, Recording
+from posefuse.formats.recording import write_recording
 from posefuse.outputs import write_outputs
 from posefuse.outputs.data_files import CsvSink
 from posefuse.outputs.frames import write_each
-from posefuse.outputs.rerun import RerunSink, check_viewer, ellipsoid_axes, opened_stream
+from posefuse.outputs.rerun import RerunSink, ellipsoid_axes, open_in_viewer, opened_stream
 
 Make = Callable[..., Recording]
 needs_rerun = pytest.mark.skipif(importlib.util.find_spec("rerun") is None, reason="needs the extra `viewer`")
@@ -64,12 +66,26 @@ def test_ellipsoids_are_the_covariance() -> None:
 
 
 @needs_rerun
+def test_viewing_shows_the_recording_or_makes_one(tmp_path: Path, make_recording: Make, monkeypatch: pytest.MonkeyPatch) -> None:
+    recording = make_recording()
+    write_recording(tmp_path, recording)
+    shown: list[tuple[Path, bool]] = []
+    monkeypatch.setattr("posefuse.outputs.rerun.open_in_viewer", lambda path: shown.append((path, path.is_file())))
+    assert pf.read(tmp_path).view() == tmp_path
+    made, was_there = shown[0]
+    assert was_there and not made.exists()
+    [path] = RerunSink().write(recording, tmp_path)
+    assert pf.read(tmp_path).view() == path
+    assert shown[1] == (path, True)
+
+
+@needs_rerun
 @pytest.mark.skipif(sys.platform != "linux", reason="displays are named by the environment on Linux only")
-def test_without_a_display(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_without_a_display(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.delenv("DISPLAY", raising=False)
     monkeypatch.delenv("WAYLAND_DISPLAY", raising=False)
     with pytest.raises(DependencyError, match=r"posefuse\[viewer\].* needs a display .*rerun --web-viewer recording\.rrd"):
-        check_viewer()
+        open_in_viewer(tmp_path / "a.rrd")
 
 
 def test_without_rerun_the_extra_is_named(monkeypatch: pytest.MonkeyPatch) -> None:

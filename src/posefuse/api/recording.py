@@ -364,6 +364,33 @@ class Recording(core.Recording):
 
         return recording_to_dataframe(self)
 
+    def view(self, *, session: str | Path | None = None, progress: Progress | bool | None = None) -> Path | None:
+        """Open the Rerun viewer on it and wait until it is closed; needs the extra ``viewer``.
+
+        Args:
+            session: the session folder, whose images are shown with it; None: one of its name near the result.
+
+        Returns:
+            What was shown: the ``recording.rrd`` of the result where it has one, else the result.
+
+        Raises:
+            DependencyError: no Rerun SDK or no display. InputError: not its session.
+        """
+        from posefuse.outputs import rerun
+        from posefuse.pipeline.writing import session_frames
+
+        file = None if self.path is None else self.path / rerun.RerunSink.file
+        if session is None and file is not None and file.is_file():
+            rerun.open_in_viewer(file)
+            return file
+        found = self._session(session)
+        with shown(progress) as report:
+            if found is None and self.path is not None:
+                name = self.provenance.get("session", "unnamed")
+                report("images", 0, None, f"shown without images: no session {name} near {self.path} or here")
+            rerun.show_recording(self, None if found is None else session_frames(self, found, report, "images"))
+        return self.path
+
 
 def recording_of(value: core.Recording, *, path: Path | None = None, outcome: RunOutcome | None = None) -> Recording:
     """The same result as the recording of the public interface."""

@@ -34,7 +34,7 @@ GROUPS = {
     "Record and calibrate": {"record": "calibrate", "calibrate": "calibrate"},
     "Track": {"track": "recorded", "solve": "recorded", "batch": "recorded"},
     "Live": {"live": "live", "teleoperate": "posefuse_teleop.commands", "node": "posefuse_ros.commands"},
-    "Look at a result": {"report": "results", "export": "results", "compare": "results"},
+    "Look at a result": {"view": "results", "report": "results", "export": "results", "compare": "results"},
     "Simulate and extend": {
         "simulate": "posefuse_sim.commands",
         "models": "machine",
@@ -249,6 +249,7 @@ USUAL = {
     "--limits --view --record --ros --command",
     "node camera": "--source --name --domain --peer",
     "node fusion": "--domain --peer",
+    "view": "--session",
     "report": "--out --fit --opensim-model",
     "export": "--out --outputs --session",
     "compare": "--out --no-time --no-space",

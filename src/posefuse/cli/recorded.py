@@ -105,6 +105,7 @@ def track(session: Path, /, *, options: TrackOptions, terminal: Shown) -> Figure
         made = pf.track(session, **arguments_of(pf.track, options), progress=progress)
     terminal.show(made.summary())
     _next(options.out, terminal)
+    terminal.next(f"posefuse view {quoted(options.out)}", "the skeleton in the 3D viewer (extra: viewer)")
     return made.figures
 
 

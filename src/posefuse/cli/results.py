@@ -1,4 +1,4 @@
-"""`posefuse report`, `export` and `compare`: what can be made of a result."""
+"""`posefuse view`, `report`, `export` and `compare`: what can be made of a result."""
 
 from pathlib import Path
 from typing import Annotated, Literal
@@ -13,6 +13,17 @@ from .options import MOST_S, Figures, Shown, positive
 
 Result = Annotated[Path, Parameter(metavar="RESULT")]
 SessionFolder = Annotated[Path | None, Parameter(metavar="FOLDER")]
+
+
+def view(result: Result, /, *, session: SessionFolder = None, terminal: Shown) -> Figures:
+    """Show a result in the Rerun viewer (extra: viewer), until the viewer is closed.
+
+    Args:
+        result: Folder written by `posefuse track`, or the .mcap of `posefuse live --record`.
+        session: Session the result was made from, for its images (default: a folder of its name near the result or here).
+    """
+    with terminal.stages() as progress:
+        return {"viewed": pf.read(result).view(session=session, progress=progress)}
 
 
 def report(

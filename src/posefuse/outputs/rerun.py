@@ -7,6 +7,9 @@ every 2D position is moved by half a pixel here.
 from __future__ import annotations
 
 import importlib.util
+import subprocess
+import sys
+import tempfile
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
@@ -22,7 +25,7 @@ from posefuse.foundation.platform import display
 from posefuse.foundation.settings import settings
 
 from .drawing import DETECTION_RGB, bone_colours, jpeg_of, keypoint_colours, shrunk, shrunk_wh
-from .frames import Frames, ImageOutput, ShowStep
+from .frames import Frames, FrameSets, ImageOutput, ShowStep, write_outputs
 
 if TYPE_CHECKING:
     import rerun as rr
@@ -188,7 +191,7 @@ def _bone_rgb(skeleton: Skeleton) -> Array:
 
 @settings
 class RerunSink(ImageOutput):
-    """``recording.rrd``, opens with ``rerun recording.rrd``."""
+    """``recording.rrd``, opens with ``rerun recording.rrd`` or ``posefuse view DIR``."""
 
     name: ClassVar[str] = "rerun"
     file: ClassVar[str] = "recording.rrd"
@@ -213,6 +216,30 @@ class RerunSink(ImageOutput):
                 yield _Logged(stream, recording, staged).step
             finally:
                 stream.disconnect()
+
+
+def open_in_viewer(path: Path) -> None:
+    """Open an .rrd file in the Rerun viewer and wait until it is closed.
+
+    Raises:
+        DependencyError: the extra `viewer` is not installed, or there is no display to show it on.
+    """
+    check_viewer()
+    ended = subprocess.run([sys.executable, "-m", "rerun", str(path)], check=False)
+    if ended.returncode:
+        raise DependencyError(f"the Rerun viewer ended with status {ended.returncode}; check it with: rerun rrd verify {path}")
+
+
+def show_recording(recording: Recording, frame_sets: FrameSets | None = None) -> None:
+    """Show a recording in the Rerun viewer until it is closed, with images where `frame_sets` has some.
+
+    Raises:
+        DependencyError: no Rerun SDK or no display; names the extra to install.
+    """
+    check_rerun()
+    with tempfile.TemporaryDirectory(prefix="posefuse-") as folder:
+        [path] = write_outputs([RerunSink()], recording, Path(folder), frame_sets)
+        open_in_viewer(path)
 
 
 class _Logged:
