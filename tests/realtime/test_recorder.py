@@ -11,6 +11,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import built
+import cv2
 import numpy as np
 import pytest
 from calibrating import marker_page
@@ -38,7 +39,7 @@ from posefuse.realtime import video_keeping
 from posefuse.realtime.capture import Capture, LiveInput
 from posefuse.realtime.inputs import inputs_from_arguments
 from posefuse.realtime.video_keeping import KeptCounts, VideoKeeper, read_counts, wait_for_videos
-from posefuse.realtime.watching import CameraFeed, exposure_warning
+from posefuse.realtime.watching import CameraFeed, detail_left, exposure_warning, focus_warning
 from posefuse.sources.video import VideoConfig
 
 GOOD = np.linspace(20, 230, 48 * 64, dtype=np.uint8).reshape(48, 64, 1).repeat(3, axis=2)
@@ -346,3 +347,17 @@ def test_counts_that_are_damaged_are_those_of_a_video_that_was_not_finished(cont
     (tmp_path / "cam00.json").write_text(content)
     [counts] = read_counts(tmp_path, ["cam00"]).values()
     assert counts.fault.startswith("was not finished") and not counts.finished
+
+
+def test_blur_is_noticed_and_a_sharp_image_is_not_blamed() -> None:
+    rng = np.random.default_rng(5)
+    image = np.full((480, 640), 90, np.uint8)
+    for _ in range(60):
+        x, y = rng.integers(0, (560, 400))
+        cv2.rectangle(image, (int(x), int(y)), (int(x) + 60, int(y) + 50), int(rng.integers(0, 255)), -1)
+    image = cv2.GaussianBlur(image, (0, 0), 0.6)
+    left = [detail_left(np.dstack([cv2.GaussianBlur(image, (0, 0), blur)] * 3)) for blur in (0.1, 1.0, 2.0, 4.0)]
+    assert left == sorted(left)
+    assert not focus_warning(np.dstack([image] * 3))
+    assert "focus" in focus_warning(np.dstack([cv2.GaussianBlur(image, (0, 0), 3.0)] * 3))
+    assert not focus_warning(np.full((480, 640, 3), 128, np.uint8))

@@ -31,6 +31,12 @@ _DARK_DN, _BRIGHT_QUANTILE = 60, 0.98
 # a camera that exposes longer than its frame period delivers fewer frames than the others
 _LEAST_RATE_SHARE = 0.8
 _SAMPLE_STEP = 8
+# blurring by one pixel takes most of the fine detail of a sharp image, and little of one that is blurred already
+_BLUR_PX = 1.0
+# share of the Laplacian's energy that such a blur leaves; docs/studio.md has it for known blurs
+_MOST_LEFT = 0.35
+# parts of an image without edges carry no information
+_LEAST_EDGE_DN = 12.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -137,7 +143,7 @@ class CameraFeed(Closing):
 
         Args:
             videos: an existing folder that keeps every frame; None: none are kept.
-            judged: the exposure of an image of each camera is judged for its news.
+            judged: an image of each camera is judged for its news; in large images that takes tens of milliseconds.
 
         Raises:
             SourceError: a source that fails and is not opened again. InputError: a video that cannot be made.
@@ -154,7 +160,8 @@ class CameraFeed(Closing):
             for fed in frames if judged else ():
                 camera, now_s = self.cameras[fed.camera], time.monotonic()
                 if now_s - judged_s[camera] >= _REPORT_EVERY_S:
-                    judged_s[camera], found[camera] = now_s, exposure_warning(fed.frame.image)
+                    image = fed.frame.image
+                    judged_s[camera], found[camera] = now_s, exposure_warning(image) or focus_warning(image)
             since_s = time.monotonic() - reported
             over = over or (duration_s is not None and self.seconds() >= duration_s)
             news: tuple[CameraNews, ...] = ()
@@ -239,6 +246,29 @@ def exposure_warning(image: Array) -> str:
     bright = float(np.quantile(cv2.cvtColor(np.ascontiguousarray(small), cv2.COLOR_RGB2GRAY), _BRIGHT_QUANTILE))
     if bright < _DARK_DN:
         return f"dark: the brightest parts reach {bright:.0f} of 255; more light keeps exposures short and images sharp"
+    return ""
+
+
+def detail_left(image: Array) -> float:
+    """Share of the fine detail of an RGB image (H, W, 3) that a blur of a pixel leaves at its strongest edges; else NaN."""
+    raw = cv2.cvtColor(np.ascontiguousarray(image), cv2.COLOR_RGB2GRAY).astype(np.float32)
+    # noise of single pixels is no detail
+    grey: Array = cv2.GaussianBlur(raw, (0, 0), 0.5)
+    slope = cv2.magnitude(cv2.Sobel(grey, cv2.CV_32F, 1, 0, scale=0.25), cv2.Sobel(grey, cv2.CV_32F, 0, 1, scale=0.25))
+    limit = max(float(np.quantile(slope[::2, ::2], 0.99)), _LEAST_EDGE_DN)
+    edges = slope >= limit
+    if edges.sum() < 50:
+        return float("nan")
+    fine = cv2.Laplacian(grey, cv2.CV_32F)
+    coarse = cv2.Laplacian(cv2.GaussianBlur(grey, (0, 0), _BLUR_PX), cv2.CV_32F)
+    return float((coarse[edges] ** 2).sum() / max((fine[edges] ** 2).sum(), 1e-9))
+
+
+def focus_warning(image: Array) -> str:
+    """Advice where an image seems out of focus; empty where it does not, or has too little texture to judge."""
+    left = detail_left(image)
+    if left > _MOST_LEFT:
+        return f"perhaps out of focus: its edges are {left:.0%} as sharp after a blur of {_BLUR_PX:g} px; turn the focus ring"
     return ""
 
 
