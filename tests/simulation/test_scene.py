@@ -70,6 +70,13 @@ def _moved(motion: str) -> str:
         ("duration_s: 1\ncameras: {kind: ring, sensor: {drop_fraction: 1.0}}", "drop_fraction: .*less than 1, got 1.0"),
         ("duration_s: 1\ncameras: {kind: list, cameras: []}", "cameras: .*at least 1 item"),
         ("[1, 2]", "expected keys with values at the top, got list"),
+        # settings of another kind of motion
+        (
+            _moved("kind: tpose, period_s: 2"),
+            r"people\.0\.motion\.period_s: tpose has none; there are: heading_deg, kind, position_m$",
+        ),
+        (_moved("kind: squat, sway: 0"), r"people\.0\.motion\.sway: squat has none"),
+        (_moved("kind: trc, file: a, person: 1"), r"people\.0\.motion\.person: trc has none"),
         (_moved("kind: bvh, file: a.bvh"), r"people\.0\.motion: .*'trc', 'result'"),
     ],
 )

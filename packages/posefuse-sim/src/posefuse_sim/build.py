@@ -20,7 +20,7 @@ from .motion.gait import walking
 from .motion.posture import BodyPosture, bones_of
 from .motion.recorded import from_result, from_trc
 from .motion.routes import route
-from .motion.settings import MotionSettings, StandSettings, WalkSettings
+from .motion.settings import MotionSettings, StandSettings, WalkSettings, check_motion
 from .motion.standing import standing_motion
 from .props import Prop, poses_on_path, prop_from_settings
 from .scene import Scene
@@ -144,6 +144,8 @@ _body = functools.lru_cache(maxsize=32)(build_body)
 
 def live_scene(scene: Scene) -> LiveScene:
     """Build everything; raises ConfigError for what cannot be (camera outside the room, a path off the floor, no frame)."""
+    for i, person in enumerate(scene.people):
+        check_motion(person.motion, f"people.{i}.motion")
     placed = placed_cameras(scene.cameras)
     rig = rig_from_cameras(placed)
     shots = tuple(shots_of(scene, i, camera) for i, camera in enumerate(placed))

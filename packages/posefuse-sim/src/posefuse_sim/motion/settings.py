@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import fields
 from typing import Annotated, Literal
 
 from annotated_types import Ge, Gt, Le
 from pydantic import Field
 
+from posefuse.core import ConfigError
+from posefuse.core.errors import choices
 from posefuse.foundation.settings import settings
 
 Place = tuple[float, float]
@@ -16,7 +19,7 @@ Side = Literal["left", "right"]
 
 @settings
 class StandSettings:
-    """Stands on one spot. Settings of another kind change nothing.
+    """Stands on one spot.
 
     Attributes:
         kind: ``tpose``: the arms exactly horizontal. ``idle``: at ease: sways, breathes, looks about. ``reach``: reaches for one
@@ -131,3 +134,26 @@ class RecordedSettings:
 
 
 MotionSettings = Annotated[StandSettings | WalkSettings | RecordedSettings, Field(discriminator="kind")]
+# what each kind has of the settings that not all kinds of its class have
+_OWN = {
+    "idle": ("sway",),
+    "reach": ("side", "period_s", "sway"),
+    "squat": ("period_s", "knee_flexion_deg"),
+    "wave": ("side", "period_s", "sway"),
+    "overhead": ("period_s",),
+    "sit": ("period_s",),
+    "turn": ("period_s",),
+    "result": ("person",),
+}
+_SHARED = ("kind", "file", "position_m")
+
+
+def check_motion(motion: StandSettings | WalkSettings | RecordedSettings, where: str) -> None:
+    """Raise ConfigError for a setting of another kind of motion; `where` begins the message."""
+    if isinstance(motion, WalkSettings):
+        return
+    usual = {field.name: field.default for field in fields(motion)}
+    own = {*_SHARED, *_OWN.get(motion.kind, ()), *(("heading_deg",) if isinstance(motion, StandSettings) else ())}
+    for name, value in vars(motion).items():
+        if name not in own and value != usual[name]:
+            raise ConfigError(f"{where}.{name}: {motion.kind} has none; there are: {choices(sorted(own & usual.keys()))}")
