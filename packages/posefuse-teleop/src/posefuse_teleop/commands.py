@@ -126,7 +126,7 @@ class RosRobotOptions:
 @settings_options(
     "robot",
     TeleoperationSettings,
-    {"mapping.scale": "scale", "mapping.turn_deg": "turn DEG", "mapping.orientation": "orientation"},
+    {"mapping.scale": "scale", "mapping.turn_deg": "turn DEG"},
     ROBOT,
 )
 def teleoperate(

@@ -118,7 +118,6 @@ class RobotState:
 _VIEW_AXES = {
     **dict.fromkeys(("xyz_world", "other_xyz_world"), "H 3"),
     **dict.fromkeys(("sigma_m", "views", "measured", "forearm_m"), "H"),
-    "rotation_world": "H 3 3",
     "body_xyz_world": "K 3",
     **dict.fromkeys(("body_sigma_m", "body_measured"), "K"),
 }
@@ -132,7 +131,6 @@ class OperatorView:
         t_ns: what time the pose is for. measured_ns: mid-exposure of the newest image in it. person_id: -1: no person there.
         xyz_world: (H, 3) the hands; NaN where missing. sigma_m: (H,) standard deviation in the worst direction.
         views: (H,) cameras that saw the hand lately. measured: (H,) bool, False: only predicted.
-        rotation_world: (H, 3, 3) forearm frames; NaN where undefined.
         other_xyz_world: (H, 3) the wrist of the other arm. forearm_m: (H,) distance of elbow and wrist.
         body_xyz_world: (K, 3) keypoints. body_sigma_m: (K,). body_measured: (K,) bool.
     """
@@ -144,7 +142,6 @@ class OperatorView:
     sigma_m: Array
     views: Array
     measured: Array
-    rotation_world: Array
     other_xyz_world: Array
     forearm_m: Array
     body_xyz_world: Array
