@@ -3,7 +3,6 @@
 import json
 import os
 import socket
-import struct
 import time
 import urllib.error
 import urllib.request
@@ -19,7 +18,7 @@ from posefuse_ros.messages import header
 from posefuse_ros.types import encode, message
 from posefuse_teleop.gate import Heartbeats
 from posefuse_teleop.settings import RosPlan
-from posefuse_teleop.switches import JoystickSwitch, KeySwitch, WebSwitch, open_deadman
+from posefuse_teleop.switches import KeySwitch, WebSwitch, open_deadman
 
 NOW_NS = 10**12
 
@@ -61,31 +60,6 @@ def test_a_terminal_that_was_closed_releases_the_switch():
 def test_without_a_terminal_there_is_one_line(tmp_path):
     with open(tmp_path / "file", "w+") as file, pytest.raises(SourceError, match="no terminal"):  # noqa: PTH123
         KeySwitch(file)
-
-
-def event(value, number, kind=1):
-    return struct.pack("IhBB", 0, value, kind, number)
-
-
-def test_a_joystick_is_held_until_it_is_let_go_or_pulled_out(tmp_path):
-    pipe = tmp_path / "js0"
-    os.mkfifo(pipe)
-    reader = os.open(pipe, os.O_RDONLY | os.O_NONBLOCK)
-    writer = os.open(pipe, os.O_WRONLY)
-    switch = JoystickSwitch(str(pipe))
-    os.close(reader)
-    os.write(writer, event(0, 0, 0x81) + event(1, 0))
-    assert len(switch.poll(NOW_NS, None).heartbeats) == 1 and len(switch.poll(NOW_NS, None).heartbeats) == 1
-    os.write(writer, event(1, 2)[:5])
-    assert not switch.poll(NOW_NS, None).emergency
-    os.write(writer, event(1, 2)[5:])
-    assert switch.poll(NOW_NS, None).emergency
-    os.write(writer, event(0, 0))
-    assert not switch.poll(NOW_NS, None).heartbeats
-    os.write(writer, event(1, 0))
-    assert switch.poll(NOW_NS, None).heartbeats
-    os.close(writer)
-    assert not switch.poll(NOW_NS, None).heartbeats
 
 
 @pytest.fixture

@@ -7,7 +7,6 @@ import json
 import os
 import secrets
 import select
-import struct
 import sys
 import threading
 import time
@@ -77,7 +76,7 @@ class KeySwitch(_Counting):
             # termios.error is no OSError
             if not isinstance(error, (ImportError, OSError, ValueError, AttributeError)) and type(error).__module__ != "termios":
                 raise
-            raise SourceError(f"--deadman key: no terminal to read keys from ({error}); use web or joystick:DEVICE") from None
+            raise SourceError(f"--deadman key: no terminal to read keys from ({error}); use web") from None
 
     def poll(self, now_ns: int, view: OperatorView | None) -> Pressed:
         """See `DeadMan`."""
@@ -100,62 +99,6 @@ class KeySwitch(_Counting):
             with contextlib.suppress(OSError, ValueError, termios.error):
                 termios.tcsetattr(self._fd, termios.TCSADRAIN, self._before)
             self._before = None
-
-
-# struct js_event: time ms, value, type, number
-_EVENT = struct.Struct("IhBB")
-_BUTTON, _INITIAL = 0x01, 0x80
-_HOLD, _GRIP, _STOP, _RESET = 0, 1, 2, 3
-
-
-class JoystickSwitch(_Counting):
-    """Button 0 of a joystick of Linux held: follow. 1: gripper. 2: emergency stop. 3: reset (`DeadMan`).
-
-    A button that is held sends no events. So a joystick out of reach looks like one that is held: it counts as held until the
-    kernel removes the device, at once when a cable is pulled out, but only after seconds, or never, when a radio link is lost.
-    """
-
-    hint = "hold button 0 to move; button 1: gripper, 2: emergency stop, 3: reset, Ctrl-C: end"
-
-    def __init__(self, device: str) -> None:
-        try:
-            self._fd = os.open(device, os.O_RDONLY | os.O_NONBLOCK)
-        except OSError as error:
-            raise SourceError(f"--deadman joystick:{device}: cannot be opened ({error.strerror})") from None
-        self._held, self._rest = False, b""
-
-    def poll(self, now_ns: int, view: OperatorView | None) -> Pressed:
-        """See `DeadMan`; an unplugged device counts as released."""
-        went_down: set[int] = set()
-        while self._fd >= 0:
-            try:
-                more = os.read(self._fd, 64 * _EVENT.size)
-            except BlockingIOError:
-                break
-            except OSError:
-                more = b""
-            if not more:
-                self.close()
-                break
-            self._rest += more
-            whole = len(self._rest) // _EVENT.size * _EVENT.size
-            for _, value, kind, number in _EVENT.iter_unpack(self._rest[:whole]):
-                if kind & ~_INITIAL != _BUTTON:
-                    continue
-                if number == _HOLD:
-                    self._held = bool(value)
-                if value and not kind & _INITIAL:
-                    went_down.add(number)
-            self._rest = self._rest[whole:]
-        self._grip ^= _GRIP in went_down
-        heartbeats = (self._beat(now_ns),) if self._held and self._fd >= 0 else ()
-        return Pressed(heartbeats=heartbeats, emergency=_STOP in went_down, reset=_RESET in went_down)
-
-    def close(self) -> None:
-        """See `DeadMan`."""
-        if self._fd >= 0:
-            os.close(self._fd)
-        self._fd, self._held = -1, False
 
 
 _MOST_BYTES = 2000
@@ -291,7 +234,7 @@ class WebSwitch:
         return Handler
 
 
-KINDS = "key, joystick:/dev/input/js0, ros:/joy, web, web:PORT"
+KINDS = "key, ros:/joy, web, web:PORT"
 
 
 def open_deadman(text: str | DeadMan, ros: Callable[[], RosPlan] = RosPlan) -> DeadMan:
@@ -305,8 +248,6 @@ def open_deadman(text: str | DeadMan, ros: Callable[[], RosPlan] = RosPlan) -> D
     kind, _, where = text.partition(":")
     if kind == "key" and not where:
         return KeySwitch()
-    if kind == "joystick" and where:
-        return JoystickSwitch(where)
     if kind == "ros" and where.startswith("/"):
         return RosJoySwitch(where, ros())
     if kind == "web" and (not where or where.isdecimal()):
