@@ -45,22 +45,22 @@ class DeadMan(Protocol):
 
 
 class _Counting:
-    """Numbers heartbeats, and remembers what the gripper is to do."""
+    """Numbers heartbeats."""
 
-    _seq, _grip = 0, False
+    _seq = 0
 
     def _beat(self, sent_ns: int) -> Beat:
         self._seq += 1
-        return Beat(seq=self._seq, sent_ns=sent_ns, grip=self._grip)
+        return Beat(seq=self._seq, sent_ns=sent_ns)
 
 
 class KeySwitch(_Counting):
-    """Space held: follow. ``g``: gripper. ``x``: emergency stop. ``r``: reset (`DeadMan`).
+    """Space held: follow. ``x``: emergency stop. ``r``: reset (`DeadMan`).
 
     It goes by the key repeat of a terminal, which reports no release: a held key repeats 20 to 40 times a second.
     """
 
-    hint = "hold the space bar to move (it begins when the key repeats); g: gripper, x: emergency stop, r: reset, Ctrl-C: end"
+    hint = "hold the space bar to move (it begins when the key repeats); x: emergency stop, r: reset, Ctrl-C: end"
 
     def __init__(self, stream: Any = None) -> None:
         self._stream = sys.stdin if stream is None else stream
@@ -86,7 +86,6 @@ class KeySwitch(_Counting):
             if not more:
                 break
             typed += more
-        self._grip ^= typed.count(b"g") % 2 == 1
         heartbeats = (self._beat(now_ns),) if b" " in typed else ()
         return Pressed(heartbeats=heartbeats, emergency=b"x" in typed, reset=b"r" in typed)
 
@@ -107,7 +106,7 @@ _REMEMBER = 1000
 
 
 class RosJoySwitch(_Counting):
-    """Button 0 of `sensor_msgs/Joy` held: follow. 1: gripper. 2: emergency stop. 3: reset (`DeadMan`).
+    """Button 0 of `sensor_msgs/Joy` held: follow. 2: emergency stop. 3: reset (`DeadMan`).
 
     Each message with the button down is a heartbeat; joy_node repeats at 20 Hz by default.
 
@@ -115,7 +114,7 @@ class RosJoySwitch(_Counting):
     """
 
     def __init__(self, topic: str, ros: RosPlan) -> None:
-        self.hint = f"hold button 0 of {topic} to move; button 1: gripper, 2: emergency stop, 3: reset, Ctrl-C: end"
+        self.hint = f"hold button 0 of {topic} to move; button 2: emergency stop, 3: reset, Ctrl-C: end"
         self._node = ros.node("posefuse_deadman")
         self._reader = self._node.reader(package_of_extra("posefuse_ros.topics", "ros").Topic(topic, _JOY, depth=10))
         self._decode = package_of_extra("posefuse_ros.types", "ros").decode
@@ -132,7 +131,6 @@ class RosJoySwitch(_Counting):
                 continue
             down = frozenset(i for i, pressed in enumerate(buttons[:16]) if pressed)
             events |= down - self._down
-            self._grip ^= 1 in down - self._down
             self._down = down
             if 0 in down:
                 sent_ns = sample.sent_ns - offset_ns
@@ -185,15 +183,15 @@ class WebSwitch:
         """Take one report of the page in; the answer carries the next number. Anything malformed counts as let go."""
         try:
             sent = json.loads(text)
-            number, held, grip, event = int(sent["echo"]), sent["held"] is True, sent["grip"] is True, str(sent.get("event", ""))
+            number, held, event = int(sent["echo"]), sent["held"] is True, str(sent.get("event", ""))
         except (ValueError, TypeError, KeyError, OverflowError):
-            number, held, grip, event = -1, False, False, ""
+            number, held, event = -1, False, ""
         with self._lock:
             given_ns = self._given.pop(number, None)
             if event in ("stop", "reset"):
                 self._events.add(event)
             if held and given_ns is not None:
-                self._beats.append(Beat(seq=number, sent_ns=given_ns, grip=grip))
+                self._beats.append(Beat(seq=number, sent_ns=given_ns))
             self._number += 1
             self._given[self._number] = time.monotonic_ns()
             self._given.pop(self._number - _REMEMBER, None)
