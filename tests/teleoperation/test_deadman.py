@@ -1,7 +1,6 @@
 """Dead-man's switches report what is held, and nothing else."""
 
 import json
-import os
 import socket
 import time
 import urllib.error
@@ -18,48 +17,9 @@ from posefuse_ros.messages import header
 from posefuse_ros.types import encode, message
 from posefuse_teleop.gate import Heartbeats
 from posefuse_teleop.settings import RosPlan
-from posefuse_teleop.switches import KeySwitch, WebSwitch, open_deadman
+from posefuse_teleop.switches import WebSwitch, open_deadman
 
 NOW_NS = 10**12
-
-
-@pytest.fixture
-def terminal():
-    pty = pytest.importorskip("pty", reason="this system has no terminals of programs")
-    ours, theirs = pty.openpty()
-    stream = os.fdopen(theirs)
-    yield ours, stream
-    stream.close()
-    os.close(ours)
-
-
-def test_keys_of_a_terminal(terminal):
-    keyboard, stream = terminal
-    switch = KeySwitch(stream)
-    assert switch.poll(NOW_NS, None).heartbeats == ()
-    os.write(keyboard, b"  ")
-    pressed = switch.poll(NOW_NS, None)
-    assert [beat.sent_ns for beat in pressed.heartbeats] == [NOW_NS]
-    os.write(keyboard, b"xr")
-    pressed = switch.poll(NOW_NS, None)
-    assert pressed.emergency and pressed.reset and not pressed.heartbeats
-    switch.close()
-    switch.close()
-
-
-def test_a_terminal_that_was_closed_releases_the_switch():
-    pty = pytest.importorskip("pty", reason="this system has no terminals of programs")
-    ours, theirs = pty.openpty()
-    with os.fdopen(theirs) as stream:
-        switch = KeySwitch(stream)
-        os.close(ours)
-        assert switch.poll(NOW_NS, None).heartbeats == ()
-        switch.close()
-
-
-def test_without_a_terminal_there_is_one_line(tmp_path):
-    with open(tmp_path / "file", "w+") as file, pytest.raises(SourceError, match="no terminal"):  # noqa: PTH123
-        KeySwitch(file)
 
 
 @pytest.fixture
@@ -128,7 +88,7 @@ def test_buttons_of_the_page(web):
     assert pressed.emergency and not pressed.reset
 
 
-@pytest.mark.parametrize("text", ["", "keys", "joystick", "web:x", "ros:joy", "gesture"])
+@pytest.mark.parametrize("text", ["", "key", "joystick", "web:x", "ros:joy", "gesture"])
 def test_an_unknown_switch_is_refused_in_one_line(text):
     refusal(ConfigError, "expected one of", open_deadman, text)
 

@@ -2,19 +2,15 @@
 
 from __future__ import annotations
 
-import contextlib
 import json
-import os
 import secrets
-import select
-import sys
 import threading
 import time
 from collections import deque
 from collections.abc import Callable
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from importlib.resources import files
-from typing import Any, Protocol
+from typing import Protocol
 
 from posefuse.core import ConfigError, MessageError, SourceError
 from posefuse.core.extras import package_of_extra
@@ -44,68 +40,7 @@ class DeadMan(Protocol):
         ...
 
 
-class _Counting:
-    """Numbers heartbeats."""
-
-    _seq = 0
-
-    def _beat(self, sent_ns: int) -> Beat:
-        self._seq += 1
-        return Beat(seq=self._seq, sent_ns=sent_ns)
-
-
-class KeySwitch(_Counting):
-    """Space held: follow. ``x``: emergency stop. ``r``: reset (`DeadMan`).
-
-    It goes by the key repeat of a terminal, which reports no release: a held key repeats 20 to 40 times a second.
-    """
-
-    hint = "hold the space bar to move (it begins when the key repeats); x: emergency stop, r: reset, Ctrl-C: end"
-
-    def __init__(self, stream: Any = None) -> None:
-        self._stream = sys.stdin if stream is None else stream
-        self._before = None
-        try:
-            import termios
-            import tty
-
-            self._fd = self._stream.fileno()
-            self._before = termios.tcgetattr(self._fd)
-            tty.setcbreak(self._fd)
-        except Exception as error:
-            # termios.error is no OSError
-            if not isinstance(error, (ImportError, OSError, ValueError, AttributeError)) and type(error).__module__ != "termios":
-                raise
-            raise SourceError(f"--deadman key: no terminal to read keys from ({error}); use web") from None
-
-    def poll(self, now_ns: int, view: OperatorView | None) -> Pressed:
-        """See `DeadMan`."""
-        typed = b""
-        while select.select([self._fd], [], [], 0)[0]:
-            more = os.read(self._fd, 64)
-            if not more:
-                break
-            typed += more
-        heartbeats = (self._beat(now_ns),) if b" " in typed else ()
-        return Pressed(heartbeats=heartbeats, emergency=b"x" in typed, reset=b"r" in typed)
-
-    def close(self) -> None:
-        """See `DeadMan`."""
-        if self._before is not None:
-            import termios
-
-            # the terminal may be gone
-            with contextlib.suppress(OSError, ValueError, termios.error):
-                termios.tcsetattr(self._fd, termios.TCSADRAIN, self._before)
-            self._before = None
-
-
-_MOST_BYTES = 2000
-# numbers given out are remembered so long
-_REMEMBER = 1000
-
-
-class RosJoySwitch(_Counting):
+class RosJoySwitch:
     """Button 0 of `sensor_msgs/Joy` held: follow. 2: emergency stop. 3: reset (`DeadMan`).
 
     Each message with the button down is a heartbeat; joy_node repeats at 20 Hz by default.
@@ -118,7 +53,7 @@ class RosJoySwitch(_Counting):
         self._node = ros.node("posefuse_deadman")
         self._reader = self._node.reader(package_of_extra("posefuse_ros.topics", "ros").Topic(topic, _JOY, depth=10))
         self._decode = package_of_extra("posefuse_ros.types", "ros").decode
-        self._down = frozenset[int]()
+        self._down, self._seq = frozenset[int](), 0
 
     def poll(self, now_ns: int, view: OperatorView | None) -> Pressed:
         """See `DeadMan`; unreadable messages count as released."""
@@ -137,12 +72,18 @@ class RosJoySwitch(_Counting):
                 # a stamp a little ahead is of now: clocks of two machines differ
                 if sent_ns <= now_ns + AHEAD_S * 1e9:
                     sent_ns = min(sent_ns, now_ns)
-                heartbeats.append(self._beat(sent_ns))
+                self._seq += 1
+                heartbeats.append(Beat(seq=self._seq, sent_ns=sent_ns))
         return Pressed(heartbeats=tuple(heartbeats), emergency=2 in events, reset=3 in events)
 
     def close(self) -> None:
         """See `DeadMan`."""
         self._node.close()
+
+
+_MOST_BYTES = 2000
+# numbers given out are remembered so long
+_REMEMBER = 1000
 
 
 class WebSwitch:
@@ -232,7 +173,7 @@ class WebSwitch:
         return Handler
 
 
-KINDS = "key, ros:/joy, web, web:PORT"
+KINDS = "ros:/joy, web, web:PORT"
 
 
 def open_deadman(text: str | DeadMan, ros: Callable[[], RosPlan] = RosPlan) -> DeadMan:
@@ -244,8 +185,6 @@ def open_deadman(text: str | DeadMan, ros: Callable[[], RosPlan] = RosPlan) -> D
     if not isinstance(text, str):
         return text
     kind, _, where = text.partition(":")
-    if kind == "key" and not where:
-        return KeySwitch()
     if kind == "ros" and where.startswith("/"):
         return RosJoySwitch(where, ros())
     if kind == "web" and (not where or where.isdecimal()):
