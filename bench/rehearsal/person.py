@@ -101,7 +101,6 @@ def view_of(
         sigma_m=np.full(n, sigma_m),
         views=np.full(n, 4),
         measured=np.ones(n, np.bool_),
-        rotation_world=np.full((n, 3, 3), np.nan),
         other_xyz_world=body[others],
         forearm_m=np.linalg.norm(body[wrists] - body[elbows], axis=1),
         body_xyz_world=body,

@@ -36,7 +36,7 @@ def teleoperate(
 
     Args:
         session: from `posefuse.live`, not yet begun.
-        deadman: ``key``, ``joystick:DEVICE``, ``ros:/TOPIC``, ``web``, ``web:PORT``, or a switch of your own.
+        deadman: ``web``, ``web:PORT``, ``ros:/TOPIC``, or a switch of your own.
         settings: hands, mapping, gate, limits, separation, robot.
         robot: ``sim``, our own in MuJoCo, or an MJCF file. frames: its sites, one per hand; default ``right_hand`` ...
         command: None drives the robot in MuJoCo; ``pose`` or ``joints`` drives one over `ros`. A dead-man's switch

@@ -59,7 +59,7 @@ class RobotOptions(NamedSettings):
 
     Attributes:
         hand: The hand that the robot follows; both move a robot with two arms (default right).
-        deadman: key (space bar), joystick:/dev/input/js0, ros:/joy, web[:PORT] (a page with a button).
+        deadman: web[:PORT] (a page with a button), ros:/joy.
         robot: Our own mobile manipulator, or an MJCF model with position actuators.
         frame: Site (with --command pose: tf frame) of the end effector, one per hand (default right_hand, left_hand).
         robot_at: Where the robot's base frame stands in the world of the rig, m and degrees (default 0,0,0).
@@ -72,7 +72,7 @@ class RobotOptions(NamedSettings):
     """
 
     hand: Annotated[Literal["right", "left", "both"] | None, Parameter(group=HAND)] = None
-    deadman: Annotated[str, Parameter(metavar="SWITCH", group=HAND)] = "key"
+    deadman: Annotated[str, Parameter(metavar="SWITCH", group=HAND)] = "web"
     robot: Annotated[str, Parameter(metavar="sim|FILE.xml")] = "sim"
     frame: Annotated[tuple[str, ...], Parameter(metavar="SITE")] = ()
     robot_at: Annotated[tuple[float, float, float] | None, Place] = None
@@ -126,7 +126,7 @@ class RosRobotOptions:
 @settings_options(
     "robot",
     TeleoperationSettings,
-    {"mapping.scale": "scale", "mapping.turn_deg": "turn DEG", "mapping.orientation": "orientation"},
+    {"mapping.scale": "scale", "mapping.turn_deg": "turn DEG"},
     ROBOT,
 )
 def teleoperate(

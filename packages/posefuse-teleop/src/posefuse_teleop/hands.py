@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from posefuse.core import SE3, JointAngles, Kind, Pose3D
-from posefuse.core.arrays import Array
+from posefuse.core import Kind, Pose3D
 from posefuse.core.poses import worst_sigma_m
 from posefuse.core.skeleton import pick_keypoints
 
@@ -30,13 +29,11 @@ BONES = {
 TRUNK = [BODY.index(name) for name in ("left_shoulder", "right_shoulder", "left_hip", "right_hip")]
 
 
-def operator_view(
-    pose: Pose3D, hands: tuple[str, ...], person_id: int | None, measured_ns: int, joints: JointAngles | None = None
-) -> OperatorView:
+def operator_view(pose: Pose3D, hands: tuple[str, ...], person_id: int | None, measured_ns: int) -> OperatorView:
     """The operator in a pose: person `person_id`, or the person who comes first when it is None.
 
     Args:
-        measured_ns: mid-exposure of the newest image in the pose, on the clock of `pose.t_ns`. joints: of the same people.
+        measured_ns: mid-exposure of the newest image in the pose, on the clock of `pose.t_ns`.
     """
     ids = [int(one) for one in pose.person_id]
     n = (0 if ids else None) if person_id is None else ids.index(person_id) if person_id in ids else None
@@ -60,21 +57,9 @@ def operator_view(
         sigma_m=sigma[wrists],
         views=views[wrists],
         measured=measured[wrists],
-        rotation_world=_forearms(joints, person, hands),
         other_xyz_world=xyz[others],
         forearm_m=np.linalg.norm(xyz[wrists] - xyz[elbows], axis=-1),
         body_xyz_world=body[:, :3],
         body_sigma_m=body[:, 3],
         body_measured=body[:, 4] > 0.99,
     )
-
-
-def _forearms(joints: JointAngles | None, person_id: int, hands: tuple[str, ...]) -> Array:
-    frames = np.full((len(hands), 3, 3), np.nan)
-    if joints is None or person_id not in joints.person_id:
-        return frames
-    n = list(joints.person_id).index(person_id)
-    for h, side in enumerate(hands):
-        frame: SE3 = joints.world_from_segment[-1, n, joints.segments.index(f"{side}_forearm")]
-        frames[h] = frame.matrix()
-    return frames

@@ -91,20 +91,12 @@ def step_operator(
 
 
 def _clutch(operator: Operator, settings: TeleoperationSettings) -> Clutch | None:
-    clutch, gate, view, steady, robot = operator.clutch, operator.gate, operator.view, operator.steady, operator.robot
-    if gate.phase is not Phase.ENGAGED or view is None or steady is None or robot is None:
+    clutch, gate, steady, robot = operator.clutch, operator.gate, operator.steady, operator.robot
+    if gate.phase is not Phase.ENGAGED or steady is None or robot is None:
         return clutch
     if gate.engages or clutch is None:
-        return engaged(steady.xyz_world, view.rotation_world, robot.xyz_world, robot.wxyz)
-    return moved(
-        clutch,
-        steady.xyz_world,
-        view.rotation_world,
-        robot.xyz_world,
-        robot.wxyz,
-        mapping=settings.mapping,
-        limits=settings.limits,
-    )
+        return engaged(steady.xyz_world, robot.xyz_world, robot.wxyz)
+    return moved(clutch, steady.xyz_world, robot.xyz_world, settings.mapping, settings.limits)
 
 
 def _order(operator: Operator, settings: TeleoperationSettings, now_ns: int) -> Order | None:
@@ -120,7 +112,6 @@ def _order(operator: Operator, settings: TeleoperationSettings, now_ns: int) -> 
         xyz_world=np.zeros((hands, 3)),
         wxyz=np.tile([1.0, 0.0, 0.0, 0.0], (hands, 1)),
         speed_mps=0.0,
-        grip=np.full(hands, operator.heartbeats.grip),
         measured_ns=operator.view.measured_ns if operator.view is not None else 0,
         reason=gate.reason,
     )
@@ -200,8 +191,7 @@ def run_control_loop(
 
 
 def _view(found: Newest, operator: Operator, settings: TeleoperationSettings) -> OperatorView:
-    live = found.message
-    view = operator_view(live.pose, settings.hands, operator.gate.person_id, found.measured_ns, live.joints)
+    view = operator_view(found.message.pose, settings.hands, operator.gate.person_id, found.measured_ns)
     return replace(view, t_ns=found.t_ns)
 
 

@@ -55,19 +55,17 @@ SLOW_CONDITION, STOP_CONDITION = 17.0, 30.0
 
 @settings
 class MappingSettings:
-    """From the hand to the target.
+    """From the hand to the target, whose orientation stays that of the end effector.
 
     Attributes:
         scale: metres of the target per metre of the hand.
         turn_deg: the robot's axes against the operator's, about the vertical: 0 moves the target as the hand moves in the
             world, 180 suits an operator who faces the robot like a mirror image.
-        orientation: ``none`` keeps the orientation of the end effector; ``forearm`` turns it as the forearm turns.
         lead_m: the target is never farther than this ahead of the commanded position, which prevents wind-up.
     """
 
     scale: Annotated[float, Gt(0), Le(10)] = 1.0
     turn_deg: float = 0.0
-    orientation: Literal["none", "forearm"] = "none"
     lead_m: Positive = 0.15
 
 

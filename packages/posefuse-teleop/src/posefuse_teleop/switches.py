@@ -2,20 +2,15 @@
 
 from __future__ import annotations
 
-import contextlib
 import json
-import os
 import secrets
-import select
-import struct
-import sys
 import threading
 import time
 from collections import deque
 from collections.abc import Callable
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from importlib.resources import files
-from typing import Any, Protocol
+from typing import Protocol
 
 from posefuse.core import ConfigError, MessageError, SourceError
 from posefuse.core.extras import package_of_extra
@@ -45,126 +40,8 @@ class DeadMan(Protocol):
         ...
 
 
-class _Counting:
-    """Numbers heartbeats, and remembers what the gripper is to do."""
-
-    _seq, _grip = 0, False
-
-    def _beat(self, sent_ns: int) -> Beat:
-        self._seq += 1
-        return Beat(seq=self._seq, sent_ns=sent_ns, grip=self._grip)
-
-
-class KeySwitch(_Counting):
-    """Space held: follow. ``g``: gripper. ``x``: emergency stop. ``r``: reset (`DeadMan`).
-
-    It goes by the key repeat of a terminal, which reports no release: a held key repeats 20 to 40 times a second.
-    """
-
-    hint = "hold the space bar to move (it begins when the key repeats); g: gripper, x: emergency stop, r: reset, Ctrl-C: end"
-
-    def __init__(self, stream: Any = None) -> None:
-        self._stream = sys.stdin if stream is None else stream
-        self._before = None
-        try:
-            import termios
-            import tty
-
-            self._fd = self._stream.fileno()
-            self._before = termios.tcgetattr(self._fd)
-            tty.setcbreak(self._fd)
-        except Exception as error:
-            # termios.error is no OSError
-            if not isinstance(error, (ImportError, OSError, ValueError, AttributeError)) and type(error).__module__ != "termios":
-                raise
-            raise SourceError(f"--deadman key: no terminal to read keys from ({error}); use web or joystick:DEVICE") from None
-
-    def poll(self, now_ns: int, view: OperatorView | None) -> Pressed:
-        """See `DeadMan`."""
-        typed = b""
-        while select.select([self._fd], [], [], 0)[0]:
-            more = os.read(self._fd, 64)
-            if not more:
-                break
-            typed += more
-        self._grip ^= typed.count(b"g") % 2 == 1
-        heartbeats = (self._beat(now_ns),) if b" " in typed else ()
-        return Pressed(heartbeats=heartbeats, emergency=b"x" in typed, reset=b"r" in typed)
-
-    def close(self) -> None:
-        """See `DeadMan`."""
-        if self._before is not None:
-            import termios
-
-            # the terminal may be gone
-            with contextlib.suppress(OSError, ValueError, termios.error):
-                termios.tcsetattr(self._fd, termios.TCSADRAIN, self._before)
-            self._before = None
-
-
-# struct js_event: time ms, value, type, number
-_EVENT = struct.Struct("IhBB")
-_BUTTON, _INITIAL = 0x01, 0x80
-_HOLD, _GRIP, _STOP, _RESET = 0, 1, 2, 3
-
-
-class JoystickSwitch(_Counting):
-    """Button 0 of a joystick of Linux held: follow. 1: gripper. 2: emergency stop. 3: reset (`DeadMan`).
-
-    A button that is held sends no events. So a joystick out of reach looks like one that is held: it counts as held until the
-    kernel removes the device, at once when a cable is pulled out, but only after seconds, or never, when a radio link is lost.
-    """
-
-    hint = "hold button 0 to move; button 1: gripper, 2: emergency stop, 3: reset, Ctrl-C: end"
-
-    def __init__(self, device: str) -> None:
-        try:
-            self._fd = os.open(device, os.O_RDONLY | os.O_NONBLOCK)
-        except OSError as error:
-            raise SourceError(f"--deadman joystick:{device}: cannot be opened ({error.strerror})") from None
-        self._held, self._rest = False, b""
-
-    def poll(self, now_ns: int, view: OperatorView | None) -> Pressed:
-        """See `DeadMan`; an unplugged device counts as released."""
-        went_down: set[int] = set()
-        while self._fd >= 0:
-            try:
-                more = os.read(self._fd, 64 * _EVENT.size)
-            except BlockingIOError:
-                break
-            except OSError:
-                more = b""
-            if not more:
-                self.close()
-                break
-            self._rest += more
-            whole = len(self._rest) // _EVENT.size * _EVENT.size
-            for _, value, kind, number in _EVENT.iter_unpack(self._rest[:whole]):
-                if kind & ~_INITIAL != _BUTTON:
-                    continue
-                if number == _HOLD:
-                    self._held = bool(value)
-                if value and not kind & _INITIAL:
-                    went_down.add(number)
-            self._rest = self._rest[whole:]
-        self._grip ^= _GRIP in went_down
-        heartbeats = (self._beat(now_ns),) if self._held and self._fd >= 0 else ()
-        return Pressed(heartbeats=heartbeats, emergency=_STOP in went_down, reset=_RESET in went_down)
-
-    def close(self) -> None:
-        """See `DeadMan`."""
-        if self._fd >= 0:
-            os.close(self._fd)
-        self._fd, self._held = -1, False
-
-
-_MOST_BYTES = 2000
-# numbers given out are remembered so long
-_REMEMBER = 1000
-
-
-class RosJoySwitch(_Counting):
-    """Button 0 of `sensor_msgs/Joy` held: follow. 1: gripper. 2: emergency stop. 3: reset (`DeadMan`).
+class RosJoySwitch:
+    """Button 0 of `sensor_msgs/Joy` held: follow. 2: emergency stop. 3: reset (`DeadMan`).
 
     Each message with the button down is a heartbeat; joy_node repeats at 20 Hz by default.
 
@@ -172,11 +49,11 @@ class RosJoySwitch(_Counting):
     """
 
     def __init__(self, topic: str, ros: RosPlan) -> None:
-        self.hint = f"hold button 0 of {topic} to move; button 1: gripper, 2: emergency stop, 3: reset, Ctrl-C: end"
+        self.hint = f"hold button 0 of {topic} to move; button 2: emergency stop, 3: reset, Ctrl-C: end"
         self._node = ros.node("posefuse_deadman")
         self._reader = self._node.reader(package_of_extra("posefuse_ros.topics", "ros").Topic(topic, _JOY, depth=10))
         self._decode = package_of_extra("posefuse_ros.types", "ros").decode
-        self._down = frozenset[int]()
+        self._down, self._seq = frozenset[int](), 0
 
     def poll(self, now_ns: int, view: OperatorView | None) -> Pressed:
         """See `DeadMan`; unreadable messages count as released."""
@@ -189,19 +66,24 @@ class RosJoySwitch(_Counting):
                 continue
             down = frozenset(i for i, pressed in enumerate(buttons[:16]) if pressed)
             events |= down - self._down
-            self._grip ^= 1 in down - self._down
             self._down = down
             if 0 in down:
                 sent_ns = sample.sent_ns - offset_ns
                 # a stamp a little ahead is of now: clocks of two machines differ
                 if sent_ns <= now_ns + AHEAD_S * 1e9:
                     sent_ns = min(sent_ns, now_ns)
-                heartbeats.append(self._beat(sent_ns))
+                self._seq += 1
+                heartbeats.append(Beat(seq=self._seq, sent_ns=sent_ns))
         return Pressed(heartbeats=tuple(heartbeats), emergency=2 in events, reset=3 in events)
 
     def close(self) -> None:
         """See `DeadMan`."""
         self._node.close()
+
+
+_MOST_BYTES = 2000
+# numbers given out are remembered so long
+_REMEMBER = 1000
 
 
 class WebSwitch:
@@ -242,15 +124,15 @@ class WebSwitch:
         """Take one report of the page in; the answer carries the next number. Anything malformed counts as let go."""
         try:
             sent = json.loads(text)
-            number, held, grip, event = int(sent["echo"]), sent["held"] is True, sent["grip"] is True, str(sent.get("event", ""))
+            number, held, event = int(sent["echo"]), sent["held"] is True, str(sent.get("event", ""))
         except (ValueError, TypeError, KeyError, OverflowError):
-            number, held, grip, event = -1, False, False, ""
+            number, held, event = -1, False, ""
         with self._lock:
             given_ns = self._given.pop(number, None)
             if event in ("stop", "reset"):
                 self._events.add(event)
             if held and given_ns is not None:
-                self._beats.append(Beat(seq=number, sent_ns=given_ns, grip=grip))
+                self._beats.append(Beat(seq=number, sent_ns=given_ns))
             self._number += 1
             self._given[self._number] = time.monotonic_ns()
             self._given.pop(self._number - _REMEMBER, None)
@@ -291,7 +173,7 @@ class WebSwitch:
         return Handler
 
 
-KINDS = "key, joystick:/dev/input/js0, ros:/joy, web, web:PORT"
+KINDS = "ros:/joy, web, web:PORT"
 
 
 def open_deadman(text: str | DeadMan, ros: Callable[[], RosPlan] = RosPlan) -> DeadMan:
@@ -303,10 +185,6 @@ def open_deadman(text: str | DeadMan, ros: Callable[[], RosPlan] = RosPlan) -> D
     if not isinstance(text, str):
         return text
     kind, _, where = text.partition(":")
-    if kind == "key" and not where:
-        return KeySwitch()
-    if kind == "joystick" and where:
-        return JoystickSwitch(where)
     if kind == "ros" and where.startswith("/"):
         return RosJoySwitch(where, ros())
     if kind == "web" and (not where or where.isdecimal()):

@@ -46,7 +46,7 @@ class Order:
     Attributes:
         seq: counts orders. sent_ns: when it was sent. phase: the robot moves in ENGAGED only, in every other it brakes.
         xyz_world, wxyz: (H, 3), (H, 4) target pose of each end effector. speed_mps: limit for all of them, at least 0.
-        grip: (H,) bool, close the gripper. measured_ns: mid-exposure of the newest image behind the target; 0: none.
+        measured_ns: mid-exposure of the newest image behind the target; 0: none.
         reason: why it does not move at full speed, for people.
     """
 
@@ -56,12 +56,11 @@ class Order:
     xyz_world: Array
     wxyz: Array
     speed_mps: float
-    grip: Array
     measured_ns: int = 0
     reason: str = ""
 
     def __post_init__(self) -> None:
-        frozen_fields(self, {"xyz_world": "H 3", "wxyz": "H 4", "grip": "H"}, {"grip": np.bool_})
+        frozen_fields(self, {"xyz_world": "H 3", "wxyz": "H 4"})
 
     @property
     def usable(self) -> bool:
@@ -118,7 +117,6 @@ class RobotState:
 _VIEW_AXES = {
     **dict.fromkeys(("xyz_world", "other_xyz_world"), "H 3"),
     **dict.fromkeys(("sigma_m", "views", "measured", "forearm_m"), "H"),
-    "rotation_world": "H 3 3",
     "body_xyz_world": "K 3",
     **dict.fromkeys(("body_sigma_m", "body_measured"), "K"),
 }
@@ -132,7 +130,6 @@ class OperatorView:
         t_ns: what time the pose is for. measured_ns: mid-exposure of the newest image in it. person_id: -1: no person there.
         xyz_world: (H, 3) the hands; NaN where missing. sigma_m: (H,) standard deviation in the worst direction.
         views: (H,) cameras that saw the hand lately. measured: (H,) bool, False: only predicted.
-        rotation_world: (H, 3, 3) forearm frames; NaN where undefined.
         other_xyz_world: (H, 3) the wrist of the other arm. forearm_m: (H,) distance of elbow and wrist.
         body_xyz_world: (K, 3) keypoints. body_sigma_m: (K,). body_measured: (K,) bool.
     """
@@ -144,7 +141,6 @@ class OperatorView:
     sigma_m: Array
     views: Array
     measured: Array
-    rotation_world: Array
     other_xyz_world: Array
     forearm_m: Array
     body_xyz_world: Array
