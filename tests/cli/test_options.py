@@ -224,8 +224,7 @@ WITH_FILES: dict[str, tuple[str, type[Any], str]] = {
     "teleoperate rig.toml": (
         "--limits",
         TeleoperationSettings,
-        "--hand both, --scale 2, --turn 90, --robot-at 1,2,90, --elsewhere, --box 0,0,0,1,2,3, "
-        "--speed 0.2",
+        "--hand both, --scale 2, --turn 90, --robot-at 1,2,90, --elsewhere, --box 0,0,0,1,2,3, --speed 0.2",
     ),
     "live rig.toml": (
         "--config",
