@@ -2,10 +2,11 @@
 
     python bench/teleoperation.py faults [--robot own] [--first 0] [--count 20000] [--workers 2]    ends with 1 if any is breached
     python bench/teleoperation.py follow
+    python bench/teleoperation.py boxes [--seeds 3]
     python bench/teleoperation.py live --session FOLDER [--networks NAME]
     python bench/teleoperation.py kill [--repeats 5]
 
-faults and follow run in simulated time, so that the load of the machine does not matter. FOLDER is a session of
+faults, follow and boxes run in simulated time, so that the load of the machine does not matter. FOLDER is a session of
 `posefuse simulate` of examples/scenes/operator.yaml.
 """
 
@@ -22,6 +23,7 @@ from typing import Any
 
 import numpy as np
 from harness import Row, answer, arguments, truth_of
+from rehearsal.boxes import move_boxes
 from rehearsal.faults import Outcome, run_many
 from rehearsal.figures import jitter_m, lag_and_rms, rms_jerk, spectral_arc_length
 from rehearsal.killed import OF_OPERATOR, Held, of_operator
@@ -39,6 +41,7 @@ from posefuse_teleop.values import Phase
 
 Tables = dict[str, list[Row]]
 SETTINGS = TeleoperationSettings(robot=RobotSettings(position_xy_m=(2.5, 0.0)))
+NOISE_MM = (0.0, 5.0, 10.0, 20.0)
 # of a synthetic hand: largest speed in m/s, and noise in mm
 HANDS = ((0.1, 0.0), (0.3, 0.0), (0.5, 0.0), (0.3, 2.0), (0.3, 5.0))
 # the hand rests before it follows its path; the robot is at rest in the middle of that
@@ -105,6 +108,18 @@ def followed(path: HandPath, noise_m: float) -> Row:
     }  # fmt: skip
 
 
+def boxes(args: Namespace) -> Tables:
+    """Success, time and path error compared with perfect tracking."""
+    rows = []
+    for noise_mm in NOISE_MM:
+        done = [move_boxes(MadeUpHand(1e-3 * noise_mm, seed)) for seed in range(args.seeds if noise_mm else 1)]
+        means = {name: float(np.mean([one[name] for one in done])) for name in ("seconds", "path_rms_mm", "lag_ms")}
+        rows.append(
+            {"noise_mm": noise_mm, **{name: sum(one[name] for one in done) for name in ("placed", "of", "holds")}, **means}
+        )
+    return {"Boxes": rows}
+
+
 def live(args: Namespace) -> Tables:
     """The live pipeline in the loop; the true hand is that of the simulated session."""
     rows, truth = [], truth_of(args.session)
@@ -157,12 +172,12 @@ def kill(args: Namespace) -> Tables:
     return {"Until the robot stands": rows}
 
 
-STEPS = {step.__name__: step for step in (faults, follow, live, kill)}
+STEPS = {step.__name__: step for step in (faults, follow, boxes, live, kill)}
 
 
 def main() -> None:
     args = arguments(
-        __doc__, positional=("step",), step=str, robot="own", first=0, count=20_000, workers=2,
+        __doc__, positional=("step",), step=str, robot="own", first=0, count=20_000, workers=2, seeds=3,
         networks=str, repeats=5, session=Path,
     )  # fmt: skip
     if args.step not in STEPS:

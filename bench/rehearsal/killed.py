@@ -97,4 +97,4 @@ def _drive(record: Path, sending: Connection, silent: bool) -> None:
         if not (moves and silent):
             about = {"seq": seq, "sent_ns": time.monotonic_ns(), "phase": Phase.ENGAGED, "speed_mps": 0.5}
             target = link.state.xyz_world + [0.1, 0.0, 0.0]
-            link.send(Order(**about, xyz_world=target, wxyz=link.state.wxyz))
+            link.send(Order(**about, xyz_world=target, wxyz=link.state.wxyz, grip=np.array([False])))

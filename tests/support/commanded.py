@@ -18,6 +18,6 @@ def commanded(xyz, wxyz, velocity=(0.0, 0.0, 0.0), *, brakes=False) -> Follower:
 
 
 def order(seq, sent_ns, xyz, wxyz, **others) -> Order:
-    """End effectors are to go to (H, 3), (H, 4), engaged."""
-    stated = {"phase": Phase.ENGAGED, "speed_mps": 0.5}
+    """End effectors are to go to (H, 3), (H, 4), engaged and with open grippers."""
+    stated = {"phase": Phase.ENGAGED, "speed_mps": 0.5, "grip": np.zeros(len(xyz), bool)}
     return Order(seq=seq, sent_ns=sent_ns, xyz_world=xyz, wxyz=wxyz, **(stated | others))

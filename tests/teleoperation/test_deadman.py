@@ -31,7 +31,7 @@ def web():
 
 def post(web, content=None, **fields):
     """A report of a page that knows no number and is not held, or with other fields, or any bytes."""
-    body = json.dumps({"echo": 0, "held": False, **fields}).encode() if content is None else content
+    body = json.dumps({"echo": 0, "held": False, "grip": False, **fields}).encode() if content is None else content
     with urllib.request.urlopen(urllib.request.Request(f"{web.url}beat", data=body), timeout=5) as answer:
         return json.loads(answer.read())["echo"]
 
@@ -42,9 +42,9 @@ def test_the_page_is_there_and_its_reports_are_heartbeats(web):
     echo = post(web, held=True)
     assert not web.poll(0, None).heartbeats  # the first one knows no number
     before_ns = time.monotonic_ns()
-    post(web, echo=echo, held=True)
+    post(web, echo=echo, held=True, grip=True)
     heartbeats = web.poll(0, None).heartbeats
-    assert len(heartbeats) == 1 and heartbeats[0].sent_ns <= before_ns
+    assert len(heartbeats) == 1 and heartbeats[0].grip and heartbeats[0].sent_ns <= before_ns
 
 
 def test_an_answer_does_not_wait_for_the_receipt_of_its_head(web, monkeypatch):
@@ -68,7 +68,9 @@ def test_a_report_counts_once_and_is_as_old_as_the_number_it_echoes(web):
     assert len(heartbeats) == 1 and heartbeats[0].sent_ns <= given_ns
 
 
-@pytest.mark.parametrize("content", [b"", b"[]", b"{", b'{"echo": "x"}', b'{"echo": 1e999, "held": true}', b"\xff\xfe"])
+@pytest.mark.parametrize(
+    "content", [b"", b"[]", b"{", b'{"echo": "x"}', b'{"echo": 1e999, "held": true, "grip": 1}', b"\xff\xfe"]
+)
 def test_what_is_malformed_holds_nothing(web, content):
     post(web, content)
     assert not web.poll(0, None).heartbeats

@@ -274,7 +274,7 @@ def test_limits_of_the_stated_deviation_in_the_wrong_order_hold_at_the_upper_one
 
 def test_an_order_without_hands_is_answered():
     order = Run().engaged().order
-    none = replace(order, xyz_world=np.zeros((0, 3)), wxyz=np.zeros((0, 4)))
+    none = replace(order, xyz_world=np.zeros((0, 3)), wxyz=np.zeros((0, 4)), grip=np.zeros(0, bool))
     assert none.usable
     for wrong in (replace(order, wxyz=2 * order.wxyz), replace(order, wxyz=np.nan * order.wxyz), replace(order, speed_mps=-0.1)):
         assert order.usable and not wrong.usable

@@ -63,6 +63,11 @@ class Follower:
         return np.array([turn.velocity for turn in self.turns])
 
     @property
+    def grip(self) -> Array:
+        """(H,) bool, close the gripper."""
+        return self.order.grip if self.order is not None else np.zeros(len(self.moves), np.bool_)
+
+    @property
     def brakes(self) -> bool:
         """Whether the robot is to stop, or to stand: one with joints stops them in its own way."""
         return bool(self.limited)

@@ -43,10 +43,11 @@ from .values import CameraReport, OperatorView, Phase, RobotState, all_finite
 
 @dataclass(frozen=True, kw_only=True)
 class Beat:
-    """One heartbeat. seq: counts up. sent_ns: when, on the gate's clock."""
+    """One heartbeat. seq: counts up. sent_ns: when, on the gate's clock. grip: close the gripper."""
 
     seq: int
     sent_ns: int
+    grip: bool = False
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -63,7 +64,7 @@ class Heartbeats:
     """What was received.
 
     Attributes:
-        seq: of the newest heartbeat. last_ns: when it was sent. count: in a row.
+        seq, grip: of the newest heartbeat. last_ns: when it was sent. count: in a row.
         heard_ns: when the last one of any kind came: heartbeats that come too late show that the switch is still held.
     """
 
@@ -71,6 +72,7 @@ class Heartbeats:
     last_ns: int | None = None
     heard_ns: int | None = None
     count: int = 0
+    grip: bool = False
 
     def with_beat(self, beat: Beat, now_ns: int) -> Heartbeats:
         """After one more heartbeat. A duplicate, one that overtook another, a late one and one from the future do not count."""
@@ -82,7 +84,7 @@ class Heartbeats:
             return heard
         in_a_row = self.last_ns is not None and beat.sent_ns - self.last_ns <= longest_ns
         count = self.count + 1 if in_a_row else 1
-        return replace(heard, seq=beat.seq, last_ns=beat.sent_ns, count=count)
+        return replace(heard, seq=beat.seq, last_ns=beat.sent_ns, count=count, grip=beat.grip)
 
     def held(self, now_ns: int) -> bool:
         """Whether the switch is held now: enough heartbeats in a row, the newest one new enough."""

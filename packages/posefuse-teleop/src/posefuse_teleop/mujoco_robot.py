@@ -46,6 +46,7 @@ class MujocoRobot:
         self.joints = Joints(chain, limits, world_from_model or SE3.identity())
         self._sites = [model.site(s).id for s in sites]
         self._drives = [_drive(model, joint, name) for joint, name in zip(chain.joints, chain.names, strict=True)]
+        self._cups = [a for a in range(model.nu) if int(model.actuator_trntype[a]) == int(self._mj.mjtTrn.mjTRN_BODY)]
         self.data = self._mj.MjData(model)
         if model.nkey:
             self._mj.mj_resetDataKeyframe(model, self.data, 0)
@@ -62,6 +63,8 @@ class MujocoRobot:
     def move(self, wanted: Follower, dt_s: float, left_out: int = 0) -> None:
         """See `Robot`; physics for `dt_s`."""
         before, q = self.joints.q, self.joints.follow(wanted, dt_s, left_out)
+        for a in self._cups:
+            self.data.ctrl[a] = float(wanted.grip.any())
         steps = max(1, round(dt_s / self.model.opt.timestep))
         velocity = (q - before) / dt_s
         for i in range(1, steps + 1):
@@ -119,7 +122,7 @@ def placed(position_xy_m: tuple[float, float], heading_deg: float) -> SE3:
 
 
 def mobile_manipulator(hands: Sequence[str] = ("right",)) -> str:
-    """MJCF text. Each hand is a site ``right_hand`` or ``left_hand`` at the tip of its arm."""
+    """MJCF text. Each hand is a site ``right_hand`` or ``left_hand`` at the tip of its suction gripper."""
     mounts_m = {1: (0.0,), 2: (-0.2, 0.2)}[len(hands)]
     ordered = sorted(hands, key=lambda side: side != "right")
     arms = [_filled("arm.xml", side=side, y=y) for side, y in zip(ordered, mounts_m, strict=True)]
@@ -128,6 +131,7 @@ def mobile_manipulator(hands: Sequence[str] = ("right",)) -> str:
         for side in ordered
         for i, gain in enumerate(_ARM_GAINS, 1)
     ]
+    motors += [f'<adhesion name="{side}_grip" body="{side}_cup" ctrlrange="0 1" gain="40"/>' for side in ordered]
     home = " ".join(map(str, ARM_HOME_RAD * len(ordered)))
     return _filled("mobile_manipulator.xml", arms="\n".join(arms), motors="\n".join(motors), home=home)
 

@@ -42,7 +42,7 @@ class RobotPlan:
         settings: limits and rates. model: MJCF file; None: our own robot. frames: site of each hand.
         command: None drives the model in MuJoCo; ``pose`` or ``joints`` drives a robot over ROS.
         ros: where ROS is; None: none. record: .mcap file of commands and states; None: none. view: open MuJoCo's viewer.
-        scene: MJCF text instead of a file.
+        scene: MJCF text instead of a file, e.g. with boxes to move.
     """
 
     settings: TeleoperationSettings

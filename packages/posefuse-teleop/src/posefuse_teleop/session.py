@@ -112,6 +112,7 @@ def _order(operator: Operator, settings: TeleoperationSettings, now_ns: int) -> 
         xyz_world=np.zeros((hands, 3)),
         wxyz=np.tile([1.0, 0.0, 0.0, 0.0], (hands, 1)),
         speed_mps=0.0,
+        grip=np.full(hands, operator.heartbeats.grip),
         measured_ns=operator.view.measured_ns if operator.view is not None else 0,
         reason=gate.reason,
     )

@@ -41,7 +41,7 @@ class DeadMan(Protocol):
 
 
 class RosJoySwitch:
-    """Button 0 of `sensor_msgs/Joy` held: follow. 2: emergency stop. 3: reset (`DeadMan`).
+    """Button 0 of `sensor_msgs/Joy` held: follow. 1: gripper. 2: emergency stop. 3: reset (`DeadMan`).
 
     Each message with the button down is a heartbeat; joy_node repeats at 20 Hz by default.
 
@@ -49,11 +49,11 @@ class RosJoySwitch:
     """
 
     def __init__(self, topic: str, ros: RosPlan) -> None:
-        self.hint = f"hold button 0 of {topic} to move; button 2: emergency stop, 3: reset, Ctrl-C: end"
+        self.hint = f"hold button 0 of {topic} to move; button 1: gripper, 2: emergency stop, 3: reset, Ctrl-C: end"
         self._node = ros.node("posefuse_deadman")
         self._reader = self._node.reader(package_of_extra("posefuse_ros.topics", "ros").Topic(topic, _JOY, depth=10))
         self._decode = package_of_extra("posefuse_ros.types", "ros").decode
-        self._down, self._seq = frozenset[int](), 0
+        self._down, self._seq, self._grip = frozenset[int](), 0, False
 
     def poll(self, now_ns: int, view: OperatorView | None) -> Pressed:
         """See `DeadMan`; unreadable messages count as released."""
@@ -66,6 +66,7 @@ class RosJoySwitch:
                 continue
             down = frozenset(i for i, pressed in enumerate(buttons[:16]) if pressed)
             events |= down - self._down
+            self._grip ^= 1 in down - self._down
             self._down = down
             if 0 in down:
                 sent_ns = sample.sent_ns - offset_ns
@@ -73,7 +74,7 @@ class RosJoySwitch:
                 if sent_ns <= now_ns + AHEAD_S * 1e9:
                     sent_ns = min(sent_ns, now_ns)
                 self._seq += 1
-                heartbeats.append(Beat(seq=self._seq, sent_ns=sent_ns))
+                heartbeats.append(Beat(seq=self._seq, sent_ns=sent_ns, grip=self._grip))
         return Pressed(heartbeats=tuple(heartbeats), emergency=2 in events, reset=3 in events)
 
     def close(self) -> None:
@@ -124,15 +125,15 @@ class WebSwitch:
         """Take one report of the page in; the answer carries the next number. Anything malformed counts as let go."""
         try:
             sent = json.loads(text)
-            number, held, event = int(sent["echo"]), sent["held"] is True, str(sent.get("event", ""))
+            number, held, grip, event = int(sent["echo"]), sent["held"] is True, sent["grip"] is True, str(sent.get("event", ""))
         except (ValueError, TypeError, KeyError, OverflowError):
-            number, held, event = -1, False, ""
+            number, held, grip, event = -1, False, False, ""
         with self._lock:
             given_ns = self._given.pop(number, None)
             if event in ("stop", "reset"):
                 self._events.add(event)
             if held and given_ns is not None:
-                self._beats.append(Beat(seq=number, sent_ns=given_ns))
+                self._beats.append(Beat(seq=number, sent_ns=given_ns, grip=grip))
             self._number += 1
             self._given[self._number] = time.monotonic_ns()
             self._given.pop(self._number - _REMEMBER, None)

@@ -46,7 +46,7 @@ class Order:
     Attributes:
         seq: counts orders. sent_ns: when it was sent. phase: the robot moves in ENGAGED only, in every other it brakes.
         xyz_world, wxyz: (H, 3), (H, 4) target pose of each end effector. speed_mps: limit for all of them, at least 0.
-        measured_ns: mid-exposure of the newest image behind the target; 0: none.
+        grip: (H,) bool, close the gripper. measured_ns: mid-exposure of the newest image behind the target; 0: none.
         reason: why it does not move at full speed, for people.
     """
 
@@ -56,11 +56,12 @@ class Order:
     xyz_world: Array
     wxyz: Array
     speed_mps: float
+    grip: Array
     measured_ns: int = 0
     reason: str = ""
 
     def __post_init__(self) -> None:
-        frozen_fields(self, {"xyz_world": "H 3", "wxyz": "H 4"})
+        frozen_fields(self, {"xyz_world": "H 3", "wxyz": "H 4", "grip": "H"}, {"grip": np.bool_})
 
     @property
     def usable(self) -> bool:
