@@ -162,7 +162,7 @@ def test_the_table_of_deeplabcut_is_refused_with_how_to_make_the_csv(tmp_path: P
 @pytest.mark.parametrize("key", ["people", "bodies"])
 def test_the_other_forms_of_alphapose_are_refused_with_the_one_to_write(key: str, tmp_path: Path) -> None:
     path = save(tmp_path / "alphapose-results.json", {"0.jpg": {"version": "AlphaPose v0.3", key: []}})
-    refusal(InputError, "AlphaPose without --format", read_pose2d, path, "cam")
+    refusal(InputError, "AlphaPose in its usual form", read_pose2d, path, "cam")
 
 
 @pytest.mark.parametrize(

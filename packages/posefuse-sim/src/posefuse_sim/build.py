@@ -20,10 +20,10 @@ from .motion.gait import walking
 from .motion.posture import BodyPosture, bones_of
 from .motion.recorded import from_result, from_trc
 from .motion.routes import route
-from .motion.settings import MotionSettings, StandSettings, WalkSettings, check_motion
+from .motion.settings import MotionSettings, StandSettings, WalkSettings
 from .motion.standing import standing_motion
 from .props import Prop, poses_on_path, prop_from_settings
-from .scene import Scene
+from .scene import Scene, check_motions
 from .surroundings import Box, boxes_of
 
 _ROOM_MARGIN_M = 1.0
@@ -144,8 +144,7 @@ _body = functools.lru_cache(maxsize=32)(build_body)
 
 def live_scene(scene: Scene) -> LiveScene:
     """Build everything; raises ConfigError for what cannot be (camera outside the room, a path off the floor, no frame)."""
-    for i, person in enumerate(scene.people):
-        check_motion(person.motion, f"people.{i}.motion")
+    check_motions(scene)
     placed = placed_cameras(scene.cameras)
     rig = rig_from_cameras(placed)
     shots = tuple(shots_of(scene, i, camera) for i, camera in enumerate(placed))

@@ -11,13 +11,14 @@ import yaml
 from annotated_types import Ge, Gt, Le
 from pydantic import Field
 
+from posefuse.core import ConfigError
 from posefuse.foundation.parsing import plain
 from posefuse.foundation.settings import read_settings, settings
 
 from .body import BodyShapeSettings
 from .cameras import CameraSettings
 from .motion import MotionSettings
-from .motion.settings import RecordedSettings
+from .motion.settings import RecordedSettings, check_motion
 from .props import PropSettings
 from .surroundings import OccluderSettings, RoomSettings
 
@@ -85,7 +86,18 @@ def read_scene(path: Path) -> Scene:
 
     Motion files are looked for from the scene file's folder; the scene has their whole paths.
     """
-    return _with_motion_files(read_settings(path, Scene), path.absolute().parent)
+    scene = _with_motion_files(read_settings(path, Scene), path.absolute().parent)
+    try:
+        check_motions(scene)
+    except ConfigError as error:
+        raise ConfigError(f"{path}: {error}") from None
+    return scene
+
+
+def check_motions(scene: Scene) -> None:
+    """Raise ConfigError for a person's setting that belongs to another kind of motion."""
+    for i, person in enumerate(scene.people):
+        check_motion(person.motion, f"people.{i}.motion")
 
 
 def _with_motion_files(scene: Scene, folder: Path) -> Scene:

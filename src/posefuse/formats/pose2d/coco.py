@@ -10,7 +10,7 @@ from posefuse.core import InputError, Skeleton
 from .frames import UNTRACKED, ImagePeople, Pose2DFrames, frame_number, frames_of_images, in_coco17_order, points_of, read_json
 
 NAME = "coco"
-LOOKS_FOR = "a JSON list with image_id and keypoints (COCO results; AlphaPose without --format)"
+LOOKS_FOR = "a JSON list with image_id and keypoints (COCO results; AlphaPose in its usual form)"
 _ALPHAPOSE_FILE = "alphapose-results.json"
 
 
