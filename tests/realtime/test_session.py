@@ -203,7 +203,7 @@ def address(bound: socket.socket) -> str:
 
 
 @pytest.mark.parametrize(
-    ("source", "words"), [("cam00=video:nowhere.mp4", "no such video"), ("cam00=usb:/dev/video99", "no such device")]
+    ("source", "words"), [("cam00=video:nowhere.mp4", "no such video"), ("cam00=usb:/dev/video99", "No such file")]
 )
 def test_a_camera_that_cannot_be_opened_is_one_line(demo_session: Path, source: str, words: str) -> None:
     """What is wrong with the other options is found before, see `test_values`."""
