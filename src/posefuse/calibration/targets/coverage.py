@@ -47,9 +47,9 @@ class TargetCoverage:
         """Every camera has met the target in much of its image, and all are linked by many moments."""
         return len(linked_groups(self.together >= ENOUGH_TOGETHER)) == 1 and bool((self.share >= ENOUGH_SHARE).all())
 
-    def advice(self) -> str:
-        """What to do next, in words."""
-        if self.enough:
+    def advice(self, needed: float = ENOUGH_SHARE) -> str:
+        """What to do next, in words; `needed`: share of each image to be met."""
+        if self.enough and (self.share >= needed).all():
             return "enough: stop moving the target and calibrate"
         hidden = [name for name, n in zip(self.cameras, np.diag(self.together), strict=True) if n == 0]
         if hidden:
@@ -63,7 +63,7 @@ class TargetCoverage:
         height = ("top", "middle", "bottom")[int(3 * row / self.cells.shape[1])]
         side = ("left", "centre", "right")[int(3 * column / self.cells.shape[2])]
         return (
-            f"{self.cameras[poorest]}: {self.share[poorest]:.0%} covered, {ENOUGH_SHARE:.0%} needed; go to the {height} {side} of"
+            f"{self.cameras[poorest]}: {self.share[poorest]:.0%} covered, {needed:.0%} needed; go to the {height} {side} of"
             " its image"
         )
 
