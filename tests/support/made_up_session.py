@@ -1,4 +1,4 @@
-"""A live session that nobody recorded: every kind of message once, of no, one and two people."""
+"""A made-up live session: every kind of message once, of no, one and two people."""
 
 from __future__ import annotations
 
